@@ -396,7 +396,7 @@ static shmgen_status write_pieces(
     return shmgen_publisher_complete(&self->p);
 }
 
-/* Publish a message, and wait while its region is being reopened. Return false with an exception. */
+/* Publish a message, and wait while the region is being reopened. Return false with an exception. */
 static bool publish_bytes(End *self, const unsigned char *data, const codec_deferred *deferred, size_t count, int64_t limit)
 {
     while (acquire_guard(&self->guard)) {

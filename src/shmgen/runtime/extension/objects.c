@@ -22,8 +22,8 @@ typedef struct EncodeState {
 static bool encode_fields(EncodeState *state, const Step *step, const Step *end, unsigned char *into, PyObject *message);
 static bool decode_fields(const Table *self, Step *step, const Step *end, const unsigned char *from, PyObject *message);
 
-/* Return the dictionary of a SimpleNamespace, or NULL for any other object. A SimpleNamespace keeps all its attributes
- * there, and reading the dictionary takes half the time of reading attributes. */
+/* Return the dictionary of a SimpleNamespace, or NULL for any other object. The dictionary holds all attributes, and
+ * reading the dictionary takes half the time of reading attributes. */
 static PyObject *dictionary_of(const Table *self, PyObject *message)
 {
     PyObject *result = NULL;
@@ -200,8 +200,8 @@ static bool buffer_matches(const codec_buffer *view, const Step *step)
            view->itemsize == (Py_ssize_t)step->size;
 }
 
-/* Write the numbers of a buffer, or its bytes if it `is_raw`, now or later as a late array. Return false if the
- * type or the number of elements does not fit; an exception may be set. */
+/* Write the numbers of the buffer `value`, or its raw bytes if `is_raw` is true: now, or later as a deferred array.
+ * Return false if the type or the number of elements does not fit; an exception may be set. */
 static bool put_buffer(EncodeState *state, const Step *step, unsigned char *message, PyObject *value, bool is_raw)
 {
     const bool deferred = is_deferred(step) && state->count < CODEC_MOST_DEFERRED;
@@ -391,8 +391,8 @@ static bool is_ours(const Table *self, PyTypeObject *type)
            PyType_IsSubtype(type, (PyTypeObject *)self->tools[DURATION]);
 }
 
-/* Set the time `like` in place and return it. If it is NULL or of an immutable type of shmgen, return a new Time or
- * Duration. */
+/* Set the time `like` in place and return `like`. If `like` is NULL or of an immutable type of shmgen, return a new
+ * Time or Duration. */
 static PyObject *clock_from(const Table *self, const Step *step, const unsigned char *from, PyObject *like)
 {
     PyObject *seconds, *nanos, *result = NULL;
