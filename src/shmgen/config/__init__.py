@@ -1,4 +1,4 @@
-"""The configuration: shmgen.toml, read into a Config that knows the line of each entry."""
+"""Read shmgen.toml into a Config. Diagnostics contain the line of the entry."""
 
 from shmgen.config.file import Config, find, load
 

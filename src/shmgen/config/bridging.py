@@ -13,6 +13,7 @@ class TransferOptions:
     """The settings with which the bridge transfers a topic.
 
     `rate` is in Hz, and None means no limit. `stale` is in seconds, and None means that data never becomes stale.
+    config/keys.py describes each setting.
     """
 
     rate: float | None = None

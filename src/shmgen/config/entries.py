@@ -39,7 +39,7 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TopicEntry:
-    """One `[[topics]]` entry: `depth` counts the samples that a slow reader can still fetch."""
+    """One `[[topics]]` entry. Slow readers can read the newest `depth` samples. `carried` has the bridge's settings."""
 
     topic: str
     type: str
@@ -50,7 +50,7 @@ class TopicEntry:
 
 
 class ServiceEntry(NamedTuple):
-    """One `[[services]]` entry. `server` is `plc` or `ros`. The bridge waits `timeout` seconds for the PLC."""
+    """One `[[services]]` entry. `server` is `plc` or `ros`. The bridge waits `timeout` seconds for a response."""
 
     service: str
     type: str
@@ -60,7 +60,7 @@ class ServiceEntry(NamedTuple):
 
 
 class ActionEntry(NamedTuple):
-    """One `[[actions]]` entry. `server` is `plc` or `ros`. The bridge waits `timeout` seconds for a goal's answer."""
+    """One `[[actions]]` entry. `server` is `plc` or `ros`. A goal must be accepted within `timeout` seconds."""
 
     action: str
     type: str

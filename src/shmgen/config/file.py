@@ -26,11 +26,12 @@ FILE_NAME = "shmgen.toml"
 class Config:
     """The configuration of a run: the content of shmgen.toml, and two settings of the command line.
 
-    Relative paths start from the folder `root`. `document` is the parsed file. `places` contains the place in
-    shmgen.toml of each message, search folder and type that the file names. `sources` are the user's own files of
-    Structured Text. `skip_unbounded` is true if the command line leaves out messages without a bound. `linked`
-    describes the output of other runs that the command line gives with --link. Its keys are the paths of the generated
-    files, with their SHA-256, and the names of the requested messages, with `""`.
+    * Relative paths start from the folder `root`. `document` is the parsed file.
+    * `places` maps each message, search folder and type in shmgen.toml to its position in the file.
+    * `sources` are the user's own files of Structured Text.
+    * `skip_unbounded` is true if the command line has --skip-unbounded, which drops messages with unbounded fields.
+    * `linked` describes the output folders of other runs, which the command line names with --link. It maps the path
+      of each generated file to its SHA-256, and the name of each requested message to `""`.
     """
 
     root: Path

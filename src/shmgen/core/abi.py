@@ -110,14 +110,14 @@ NUMBERS = (
 SIZES = {"u8": 1, "char": 1, "u16": 2, "u32": 4, "u64": 8}
 
 CREATOR = "creator"
-"""The side that creates the region: the first program or PLC that finds no magic number in it."""
+"""The program or PLC that creates the region: the first one that finds no magic number in the region's header."""
 
 
 class HeaderField(NamedTuple):
     """A field of a region's header or of a slot's header. `offset` is its position in this header in bytes.
 
     `type` is a name in SIZES, or an array such as `char[96]`. `st` is the field's name in Structured Text; its prefix
-    gives the type there. `by` is the side that writes the field, or `""` for a reserved field.
+    gives the type there. `by` is the program that writes the field, such as `writer`, or `""` for a reserved field.
     """
 
     offset: int
@@ -270,7 +270,7 @@ def slot_size(payload: int) -> int:
 
 
 def region_size(payload: int, slots: int) -> int:
-    """Return the size of a region in bytes: its header and two equal rows of slots, rounded up to whole pages.
+    """Return the size of a region in bytes: its header and two lanes of `slots` slots, rounded up to whole pages.
 
     Whole pages are necessary because some runtimes round sizes up to pages, and others compare sizes exactly.
     """

@@ -99,8 +99,8 @@ def _folder(*, make: bool = False) -> int:
 def _make(path: str) -> None:
     """Create the cache folder if the nearest existing folder above it belongs to this user or to root.
 
-    If that folder belongs to another user, do nothing: root may run shmgen with the home folder of a user, and this
-    user could not write to root's folder.
+    If the nearest folder belongs to another user, do nothing. Otherwise root, with HOME set to a user's folder, would
+    create a cache folder to which this user cannot write.
     """
     above = os.path.dirname(path)
     while not os.path.exists(above):

@@ -1,4 +1,4 @@
-"""Diagnostics: errors in the user's input, each with its place, its reason and a hint."""
+"""Diagnostics: errors in the user's input, each with its position in a file, its reason and a hint."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ CODES = {
     "SHM706": "missing package",
     "SHM901": "internal error",
 }
-"""Code -> title. Each has a section in diagnostics.md beside `core` and a folder in tests/errors."""
+"""Code -> title. Each code has a section in src/shmgen/diagnostics.md and a folder in tests/errors."""
 
 
 class Span(NamedTuple):
-    """A place in a file: `width` characters from `line` and `column`, which count from 1. A 0 means the whole file.
+    """A position in a file: `width` characters from `line` and `column`, which count from 1.
 
-    `text` is the line without its line break.
+    If `line` is 0, the span is the whole file. `text` is the content of the line without its line break.
     """
 
     path: str
@@ -71,7 +71,7 @@ class Span(NamedTuple):
     text: str = ""
 
     def at(self, word: str) -> Span:
-        """Return the span of `word` behind this span in the same line, or this span if `word` does not follow."""
+        """Return the span of the next `word` after this span in the same line. If there is none, return this span."""
         start = self.text.find(word, self.column - 1 + self.width)
         return self if start < 0 else Span(self.path, self.line, start + 1, len(word), self.text)
 
@@ -136,7 +136,7 @@ class Report:
             self.diagnostics.append(diagnostic)
 
     def is_enough(self, path: str) -> bool:
-        """Return True if the file `path` has so many errors that further errors would not help the user."""
+        """Return True if the file `path` has _MOST_OF_ONE_FILE errors, so that the parser of the file should stop."""
         return self._of_file[path] >= _MOST_OF_ONE_FILE
 
     def stop_if_any(self) -> None:

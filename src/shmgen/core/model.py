@@ -188,11 +188,12 @@ Default: TypeAlias = Value | tuple[Value, ...]
 class Field(NamedTuple):
     """A field of a message, as the definition declares it and as shmgen.toml bounds it.
 
-    `written` is the type as the definition spells it, `unit` the unit in its comment: `[m/s]`. `word` is `byte`, `char`
-    or `wchar` if the definition uses this type, which ROS 2 distinguishes from a number. `sent` is the type in ROS if
-    shmgen.toml has bounded the field, else None. `plc` is the declaration in an imported PLC project: `rSpeed`, or
-    `rSpeed : ARRAY[1..3] OF REAL`. `align` is the minimum alignment of the field in bytes. It exceeds the alignment of
-    `type` only for the first field after the members of a base structure.
+    * `written`: the type as the definition spells it. `unit`: the unit in the field's comment, such as `m/s`.
+    * `word`: `byte`, `char` or `wchar` if the definition uses this type. ROS 2 distinguishes these types from numbers.
+    * `sent`: the type in ROS, without the bound, if shmgen.toml has bounded the field, else None.
+    * `plc`: the declaration in an imported PLC project: `rSpeed`, or `rSpeed : ARRAY[1..3] OF REAL`.
+    * `align`: the minimum alignment of the field in bytes. This exceeds the alignment of `type` only for the first
+      field after the members of a base structure.
     """
 
     name: str
@@ -240,7 +241,10 @@ class Message:
 
 
 class Schema(NamedTuple):
-    """Definitions of messages and their nested messages, dependencies first. The user named those in `requested`."""
+    """Definitions of the requested messages and of their nested messages, dependencies first.
+
+    `requested` has the names of the messages that the user requested.
+    """
 
     messages: tuple[Message, ...]
     requested: frozenset[TypeName] = frozenset()
@@ -289,7 +293,7 @@ class Role(Enum):
 class Slot:
     """A range of `size` bytes in a message, from byte `offset`: `count` elements of `type`, or one if `count` is None.
 
-    `align` is the alignment of `type` in bytes. In a message with a smaller `pack`, `offset` may be no multiple of it.
+    `align` is the alignment of `type` in bytes. In a message with a smaller `pack`, the offset may be less aligned.
     """
 
     name: str
@@ -307,7 +311,10 @@ class Slot:
 
 
 class Layout(NamedTuple):
-    """The bytes of a message, as slots (ranges of bytes) without gaps. `digest` identifies the meaning of the bytes."""
+    """The bytes of a message, as slots (ranges of bytes) without gaps. `digest` identifies the meaning of the bytes.
+
+    Only messages with `requested` get a publisher and a subscriber. The others are parts of requested messages.
+    """
 
     message: Message
     slots: tuple[Slot, ...]
@@ -332,7 +339,7 @@ Layouts: TypeAlias = Mapping[TypeName, Layout]
 
 
 class Topic(NamedTuple):
-    """A topic, which the PLC reads if `to_plc`, or else writes. Slow readers can still read `depth` samples."""
+    """A topic, which the PLC reads if `to_plc`, or else writes. Slow readers can read the newest `depth` samples."""
 
     name: str
     type: TypeName
@@ -342,7 +349,10 @@ class Topic(NamedTuple):
 
 
 class Service(NamedTuple):
-    """A service. If `on_plc`, the PLC is the server; if not, the client. `timeout` is in seconds."""
+    """A service. If `on_plc`, the PLC is the server, else the client.
+
+    The bridge waits `timeout` seconds for a response.
+    """
 
     name: str
     type: TypeName
@@ -352,7 +362,10 @@ class Service(NamedTuple):
 
 
 class Action(NamedTuple):
-    """An action. If `on_plc`, the PLC is the server; if not, the client. `timeout` is in seconds."""
+    """An action. If `on_plc`, the PLC is the server, else the client.
+
+    The bridge waits `timeout` seconds until the server accepts a goal.
+    """
 
     name: str
     type: TypeName
@@ -362,7 +375,7 @@ class Action(NamedTuple):
 
 
 def text_bytes(string: String) -> int:
-    """Return the size of a bounded string in bytes with its terminating NUL: STRING(n) n+1, WSTRING(n) 2(n+1)."""
+    """Return the size of a bounded string in bytes with its NUL: n + 1 for STRING(n), 2n + 2 for WSTRING(n)."""
     assert string.capacity is not None, "bounds come before layout"
     return (string.capacity + 1) * (2 if string.wide else 1)
 

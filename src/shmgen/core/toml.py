@@ -1,4 +1,4 @@
-"""Read and write TOML. The module tomllib reads it, or tomli on a Python without tomllib."""
+"""Read and write TOML. The parser is the module tomllib, or tomli on a Python without tomllib."""
 
 from __future__ import annotations
 

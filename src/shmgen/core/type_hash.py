@@ -73,7 +73,7 @@ def type_hash(messages: Iterable[Message]) -> str:
 def service_hash(request: tuple[Message, ...], response: tuple[Message, ...]) -> str:
     """Return the hash of the service with this request and this response.
 
-    The last message of each tuple is the request or the response itself. The others are the messages that it contains.
+    The last message of each tuple is the request or the response itself, after the messages that its fields contain.
     """
     halves = Ref(request[-1].name), Ref(response[-1].name)
     whole = halves[0].name._replace(name=halves[0].name.name.removesuffix("_Request"))

@@ -33,10 +33,11 @@ def write(
 ) -> Written | None:
     """Write the texts into files of the folder, by path, and remove the files `leftovers`. Raises Rejected: SHM007.
 
-    The file `last` is written at the end. `former` is the content of `last` from which `texts` and `leftovers` were
-    computed. If another run has changed `last` since, write nothing and return None. All files are first written beside
-    the files that they replace, so a full disk is noticed before anything changes. Temporary files of a killed run are
-    removed.
+    * `last` is the path of the file that is written at the end.
+    * `former` is the content of `last` that the caller read to compute `texts` and `leftovers`. If another run has
+      changed `last` since then, write nothing and return None.
+    * Each text is first written to a temporary file, so that a full disk is noticed before any file changes.
+    * Temporary files of killed runs are removed.
     """
     leftovers = list(leftovers)
     shown_folder, folder = folder, _reachable(folder)
@@ -157,9 +158,9 @@ def names_in(folder: Path, paths: Iterable[str]) -> dict[str, Set[str]]:
 
 
 def _is_listed(path: str, listed: Mapping[str, Set[str]]) -> bool:
-    """Return True if `listed` (see names_in()) has the file `path`, or cannot show whether the file exists.
+    """Return True if the file `path` may exist. `listed` is the result of names_in().
 
-    It cannot do so if a folder on the path is a symlink.
+    names_in() does not list folders behind symlinks. Every file below such a folder may exist.
     """
     place, slash, name = path.rpartition("/")
     names = listed.get(f"{place}{slash}")
@@ -191,7 +192,7 @@ class _FolderTree:
     """Opens folders below a given folder so that no symlink is followed: each folder is opened from its parent.
 
     If the caller passes paths in sorted order, each folder is opened once. Missing folders are created and added to
-    `created`. On Windows, no folder is opened, and calls use whole paths.
+    `created`. On Windows, no folder is opened, and find() returns whole paths.
     """
 
     def __init__(self, folder: Path, descriptor: int | None, created: list[Path]) -> None:
@@ -200,7 +201,11 @@ class _FolderTree:
         self._descriptors = [descriptor]
 
     def find(self, path: str) -> tuple[str | Path, int | None]:
-        """Return the name of a file and the descriptor of its folder, for calls with `dir_fd`. Raises OSError."""
+        """Open the folder of the file `path`. Return the arguments for calls such as os.open(name, dir_fd=descriptor).
+
+        They are the name of the file and the descriptor of its folder; on Windows, the whole path and None.
+        Raises OSError.
+        """
         *way, name = path.split("/")
         while self._way != way[: len(self._way)]:
             self._leave()
@@ -253,7 +258,7 @@ def _stage(name: str | Path, folder: int | None, text: str) -> None:
 
 
 def _remove(folder: Path, path: str) -> bool:
-    """Remove the file `path` and the folders that become empty. Return False if `path` leads out of `folder`."""
+    """Remove the file `path` and the folders that become empty. Return False if `path` is not a file in `folder`."""
     if not is_inside(folder, path):
         return False
     file = folder / path

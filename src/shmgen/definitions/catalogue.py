@@ -51,7 +51,7 @@ class Package:
 
 
 Catalogue: TypeAlias = Mapping[str, tuple[Package, ...]]
-"""Name -> packages of this name. More than one package is an error if the name is used."""
+"""Name -> packages of this name. If a request needs a name that has more than one package, SHM505 is reported."""
 
 
 def package_of(name: str, place: str, definitions: list[Definition], dialect: Dialect | None = None) -> Package:

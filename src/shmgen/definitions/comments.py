@@ -51,9 +51,9 @@ def split_unit(doc: str) -> tuple[str, str]:
 class PlcNote(NamedTuple):
     """The note in brackets that `shmgen import` writes into a comment, to keep the name and the type in the PLC.
 
-    Examples are `(PLC: rSpeed)` and `(PLC: rSpeed : ARRAY[1..3] OF REAL)`. `name` is the name in the PLC, with the type
-    if shmgen would generate another type. `align` is the alignment of a field in bytes. `pack` is the pack_mode of a
-    structure.
+    Examples are `(PLC: rSpeed)` and `(PLC: rSpeed : ARRAY[1..3] OF REAL)`. `name` is the name in the PLC, followed by
+    the PLC's type if shmgen would generate another PLC type from the ROS type. `align` is the alignment of a field in
+    bytes. `pack` is the pack_mode of a structure.
     """
 
     name: str = ""

@@ -26,7 +26,7 @@ DEBIAN = Path("/usr/share")
 def dialect(variables: Mapping[str, str]) -> Dialect:
     """Return the dialect of the ROS that is sourced in this shell.
 
-    A bridge needs both ROS 1 and ROS 2. If both are sourced, ROS_VERSION names the ROS that was sourced last.
+    If both ROS 1 and ROS 2 are sourced, ROS_VERSION names the one that was sourced last.
     """
     if variables.get("ROS_VERSION") in ("1", "2"):
         return "ros1" if variables["ROS_VERSION"] == "1" else "ros2"

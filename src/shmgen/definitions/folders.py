@@ -59,7 +59,7 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
 def _section(folder: Path) -> Path | None:
     """Return the folder called msg/, srv/ or action/ that a definition in `folder` belongs to, or None.
 
-    This is `folder` itself. In a package with a package.xml, it may also be a folder above `folder`.
+    The result is `folder` itself or, in a package with a package.xml, a folder above `folder`.
     """
     above = (place for place in (folder, *folder.parents[:_DEEPEST_GROUP]) if place.name in SECTIONS)
     return next((it for it in above if it == folder or (_root(it.parent) / "package.xml").is_file()), None)

@@ -1,7 +1,7 @@
 """Parse the text of an .idl file into Messages with the position of every word.
 
-Only the syntax tree of rosidl_parser is used. The later results of rosidl_parser have no positions, and represent
-`sequence<wstring<5>>` as a bounded sequence.
+Only the syntax tree of rosidl_parser is used. The later results of rosidl_parser have no positions, and wrongly
+represent `sequence<wstring<5>>`, an unbounded sequence, as a bounded one.
 """
 
 from __future__ import annotations
@@ -295,7 +295,7 @@ def _hint(file: _File, parts: list[str]) -> str:
 def _word(file: _File, node: Any, depth: int = 0) -> str:
     """Return `byte`, `char` or `wchar` if a field's innermost element has this IDL type, else `""`.
 
-    The parsed type of a field does not show this, because its Scalar is the same as the Scalar of an integer.
+    The parsed type of the field does not show the IDL type: `octet` and `uint8` both become Scalar.UINT8.
     """
     while node.data in _WRAPPER_RULES or node.data == "sequence_type":
         node = node.children[0]

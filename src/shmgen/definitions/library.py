@@ -20,10 +20,10 @@ from shmgen.definitions.wrappers import wrappers
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """The places to search for definitions: first the folders of `path`, then the built-in store called `source`.
+    """The folders to search for definitions, `path`, and the name of the built-in store to search next, `source`.
 
     If `source` is "env", the ROS that is sourced in this shell replaces the store. Paths are printed relative to
-    `relative_to`. `written` maps each folder, as the user spelled it in shmgen.toml, to its place in shmgen.toml.
+    `relative_to`. `written` maps each folder, as the user spelled it in shmgen.toml, to its position in shmgen.toml.
     """
 
     path: tuple[Path, ...] = ()
@@ -34,10 +34,12 @@ class Sources:
 
 @dataclass(slots=True)
 class Library:
-    """Finds and reads messages by name. All messages of a package come from the first place that has the package.
+    """Finds and reads messages by name. All messages of a package come from the first folder or store that has it.
 
-    Several loads can use the same library. `report` is the report of the current load. `explicit` has the packages of
-    files that the user gave by path. `fallback` has the packages of the sourced ROS or the store, once they are needed.
+    * Several loads can use the same library. `report` receives the diagnostics of the current load.
+    * `folders` has the packages of each folder in `sources.path`.
+    * `explicit` has the packages of files that the user gave by path. They precede all other packages.
+    * `fallback` has the packages of the sourced ROS or the store, or is None before their first use.
     """
 
     sources: Sources
@@ -57,7 +59,7 @@ class Library:
         self.report = report
 
     def package(self, name: str) -> Package | None:
-        """Return the package called `name`, or None. Report SHM505 if one place has two packages of this name."""
+        """Return the package called `name`, or None. Report SHM505 if one searched folder has two such packages."""
         if name in self.explicit:
             return self.explicit[name]
         packages = next((packages_by_name[name] for packages_by_name in self.folders if name in packages_by_name), None)
@@ -84,7 +86,7 @@ class Library:
         self.explicit[package.name] = Package(package.name, package.place, merged, package.dialect)
 
     def message(self, name: TypeName) -> Message | None:
-        """Read and return a message. The message must have a definition.
+        """Read and return the message `name`, for which definition() must not return None.
 
         If the file of the definition is not usable, report the errors and return None.
         """
@@ -140,7 +142,7 @@ class Library:
         return [*read, *(file for file in above if file.is_file())]
 
     def places(self) -> list[str]:
-        """Return the searched places as diagnostics print them."""
+        """Return the names of the searched folders and of the searched store, as diagnostics print them."""
         folders = [shorten(folder, self.sources.relative_to) for folder in self.sources.path]
         if self.sources.source != "env":
             return [*folders, f"built-in store {self.sources.source}"]
@@ -177,9 +179,10 @@ def _action_part(name: TypeName) -> TypeName:
 
 
 def open_library(sources: Sources, report: Report) -> Library:
-    """Return a library of the packages in all places. This lists the packages in the folders but reads no definition.
+    """Return a library that finds messages in the folders, the store or the sourced ROS that `sources` selects.
 
-    Raises Rejected if a folder is missing (SHM001), has too many folders (SHM001), or the source is unknown (SHM502).
+    This function searches the folders for packages but reads no definition. Raises Rejected if a folder is missing or
+    has too many subfolders (SHM001), or if no built-in store has the name `sources.source` (SHM502).
     """
     if sources.source not in ("env", *store.names()):
         names = ", ".join(("env", *store.names()))

@@ -124,9 +124,9 @@ def _matching(request: str, library: Library) -> list[TypeName]:
 
 
 def _in_file(file: Path, library: Library) -> list[TypeName]:
-    """Return the messages in a definition file, and add the package around the file to the library.
+    """Return the messages in a definition file.
 
-    The definition may contain other messages of this package.
+    Also add the package around the file to the library, because the messages may contain others of this package.
     """
     package = folders.package_around(file, library.sources.relative_to)
     if package is None:

@@ -21,7 +21,7 @@ from shmgen.definitions.tokens import Dialect
 
 ROS1 = frozenset({"noetic"})
 preloaded: dict[str, dict[str, str]] = {}
-"""Store -> full name -> .msg text. The web page that generates code in a browser sets this, as rosbags is missing."""
+"""Store -> full name -> .msg text. Empty, except in the web page that generates code: a browser has no rosbags."""
 
 
 def names() -> tuple[str, ...]:

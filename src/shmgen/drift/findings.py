@@ -63,8 +63,8 @@ def worst(findings: Iterable[Finding]) -> Severity | None:
 def for_people(findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings to print as text: each points at the changed definition.
 
-    Messages that changed only because they contain an edited message have no finding of their own. The finding of the
-    edited message lists them.
+    If a message changed only because it contains an edited message, its finding is dropped. The finding of the edited
+    message then names the containing message.
     """
     return [_with_containers(finding, findings) for finding in findings if not finding.causes]
 

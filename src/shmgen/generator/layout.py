@@ -42,15 +42,18 @@ DEEPEST = 50
 """Maximum depth of nested messages. The deepest message of ROS has 7 levels."""
 
 CLOCK = {"TIME": (4, 4), "LTIME": (8, 8), "struct": (8, 4)}
-"""Mode -> size and alignment in bytes: a DWORD of ms, a LWORD of ns, or DINT seconds and UDINT nanoseconds."""
+"""Value of `[types] time` -> size and alignment in bytes: ms as TIME, ns as LTIME, or seconds and nanoseconds."""
 
 
 def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Report) -> Layouts:
     """Return the layouts of all messages, dependencies first.
 
-    Raises Rejected if the smallest region of a message exceeds `max_region` bytes (SHM303) or messages nest too deeply
-    (SHM304). The other reasons are a type name that is too long (SHM202), and a default or constant that does not fit
-    (SHM005).
+    Raises Rejected for these errors:
+
+    * SHM303: the smallest region of a requested message exceeds `max_region` bytes.
+    * SHM304: messages nest too deeply.
+    * SHM202: a type name is too long.
+    * SHM005: a default or a constant does not fit its bound or the encoding.
     """
     layouts: dict[TypeName, Layout] = {}
     depths: dict[TypeName, int] = {}

@@ -1,4 +1,4 @@
-"""Generates the PLC's side of `shmgen selftest`, for CODESYS or OpenPLC."""
+"""Generates the PLC program of `shmgen selftest`, for CODESYS or OpenPLC."""
 
 from __future__ import annotations
 

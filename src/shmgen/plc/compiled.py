@@ -20,7 +20,7 @@ NATURAL = 8
 class Converted(NamedTuple):
     """A data type that was converted to a message. `size` and `alignment` are in bytes.
 
-    `sure` is False if the size depends on the size of an empty structure, which is not verified.
+    `sure` is False if the size depends on an empty structure, whose size in a PLC is not verified.
     """
 
     name: str
@@ -50,7 +50,7 @@ class _Sum:
     def add(self, size: int, alignment: int, begins: int = 1) -> bool:
         """Append a member of `size` bytes. Its offset is a multiple of its alignment and of `begins` bytes.
 
-        Return True if the member would have another offset without `begins`.
+        Return True if `begins` changed the offset of the member.
         """
         alignment = min(alignment, self.pack)
         usual, at = _round_up(self.at, alignment), _round_up(self.at, max(alignment, begins))
@@ -81,8 +81,8 @@ class Sums:
         """Append a member to all layouts. `many` is the length of an array, or 0 for a single value.
 
         `is_own` is True for a member of the structure itself, and False for a member of a structure that it extends.
-        The member begins at a multiple of `begins` bytes. Return True if it would have another offset without `begins`.
-        Raises NotConvertible if the structure becomes too large.
+        The member begins at a multiple of `begins` bytes. Return True if `begins` changed the offset of the member in
+        `message`. Raises NotConvertible if the structure becomes too large.
         """
         size = type_.size * (many or 1)
         moved = self.message.add(size, type_.alignment, begins)
@@ -122,7 +122,7 @@ class Compiled(NamedTuple):
     members: Mapping[str, Extent]
 
     def has_all(self, declared: Declaration) -> bool:
-        """Return True if the file describes every byte of a type. TwinCAT omits the members of some types."""
+        """Return False for a structure whose members the file does not list, as TwinCAT does for some structures."""
         return bool(self.members) or declared.kind != "struct" or not declared.members
 
 

@@ -58,7 +58,7 @@ class Unreadable(Exception):
 
 
 def name(text: str, span: Span) -> str:
-    """Return `text`. Raises Unreadable if `text` is not a valid name, because generated files contain the name."""
+    """Return `text`. Raises Unreadable if `text` is not a valid name, which could inject code into generated files."""
     if not _NAME.fullmatch(text):
         raise Unreadable(f"`{legible(text[:40])}` is not a name", span)
     return text

@@ -38,7 +38,7 @@ def read(data: bytes, path: str, reject: Callable[[Unreadable], None]) -> Iterat
 
 
 def compiled(data: bytes, path: str, file: str) -> Iterator[tuple[str, Compiled]]:
-    """Yield the name and the layout of each data type in a .tmc file that the project itself declares.
+    """Yield the name and the layout of each data type in a .tmc file, except the types of libraries (with a namespace).
 
     The names are in capital letters. Raises Unreadable if `data` is not XML.
     """

@@ -24,8 +24,9 @@ from shmgen.plc.text import commented, field_lines, head, of_messages, snake, un
 class Row(NamedTuple):
     """A data type of the project and the result of its import: the name and the size in bytes of its message.
 
-    If the type cannot be a message, `why` is the reason, otherwise `""`. `sure` is False if the size depends on the
-    size of an empty structure, which is not verified. `verified_by` is the .tmc file with the same bytes, or `""`.
+    If the type cannot be a message, `why` is the reason, otherwise `""`. `sure` is False if the size depends on an
+    empty structure, whose size in a PLC is not verified. `verified_by` is the .tmc file that has the type with the same
+    bytes, or `""`.
     """
 
     declared: Declaration
@@ -329,9 +330,9 @@ class _Work:
         return NotConvertible(message, hint, "SHM602")
 
     def _remember(self, error: NotConvertible, declared: Declaration, member: Member | None) -> NotConvertible:
-        """Store an error with its place for diagnostics(), and return the error.
+        """Store an error with its position for diagnostics(), and return the error.
 
-        The error of a contained type is not stored, because it is reported for this type.
+        If the error is only that a contained type cannot be a message, store nothing: that type has its own error.
         """
         if not isinstance(error, _PartNotConvertible):
             where = f"{declared.name}.{member.name}" if member else declared.name

@@ -26,7 +26,7 @@ class Project:
     """The data types of a PLC project in order, and the constants that its expressions may refer to.
 
     If two different types have the same name, `conflicts` contains the second type. `compiled` contains the layouts in
-    .tmc files. The keys of both are the names of types in capital letters.
+    .tmc files. The keys of `conflicts` and `compiled` are the names of types in capital letters.
     """
 
     def __init__(self) -> None:

@@ -102,8 +102,12 @@ Named = Callable[[str], tuple[str, str]]
 def field(spelled: str, number: Numbers, named: Named, depth: int = 0) -> Field:
     """Return the field for a type of Structured Text.
 
-    `named` is a function that returns the names of a data type in ROS and in the PLC. `number` is a function that
-    returns the value of a bound. Their exceptions are passed on. Raises NotConvertible if ROS has no equivalent.
+    * `spelled`: the type as the user wrote it, such as `ARRAY[1..MAX] OF REAL`.
+    * `number`: a function that returns the value of a bound, such as `MAX`. Its exceptions are passed on.
+    * `named`: a function that returns the names of a data type in ROS and in the PLC. Its exceptions are passed on.
+    * `depth`: the number of arrays around this type.
+
+    Raises NotConvertible if ROS has no equivalent.
     """
     spelled = spelled.strip()
     for pattern, why, hint in _REFUSED:
@@ -180,8 +184,8 @@ def _array(spelled: str, bounds: str, element: str, number: Numbers, named: Name
 def _iec(inner: Field, element: str) -> str:
     """Return the Structured Text type of an array's elements, with the value of each bound: `STRING(80)`.
 
-    `element` is the type as the user wrote it, and `inner` is the field for one element. shmgen must generate the same
-    type from the ROS type (`inner.own` is `""`).
+    `element` is the type as the user wrote it, and `inner` is the result of field() for `element`. If `inner.own` is
+    not `""`, the caller uses `inner.own` and does not call this function.
     """
     if string := _STRING.fullmatch(element):
         return f"{string[1].upper()}({inner.type.partition('=')[2]})"

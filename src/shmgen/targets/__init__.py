@@ -27,11 +27,13 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """The settings from shmgen.toml that change a target's files. The layouts of the messages are not part of them.
+    """The settings from shmgen.toml that change a target's files but not the layouts of messages.
 
-    `distribution` is the name and version of the Python package, such as `robot-shm 1.2.0`, or `""`. If `beside` is
-    true, the Python files include the runtime. `task_interval` is in milliseconds. `node` is the bridge's node name in
-    the ROS graph. `configuration` is the parsed content of shmgen.toml.
+    * `distribution`: the name and version of the Python package, such as `robot-shm 1.2.0`, or `""`.
+    * `beside`: True if the Python files include a copy of shmgen.runtime.
+    * `task_interval`: the milliseconds between two calls of the generated program PRG_Ros.
+    * `node`: the bridge's node name in the ROS graph.
+    * `configuration`: the parsed content of shmgen.toml.
     """
 
     regions: Regions = field(default_factory=Regions)
@@ -85,15 +87,16 @@ class TargetModule(Protocol):
     def plan(self, job: Job, report: Report) -> Iterator[Output]:
         """Yield the target's files, each path below the target's own folder.
 
-        The pipeline has already reported colliding names. This method reports all other errors.
+        Errors go to `report`, except colliding names, which the pipeline reports before it calls this method.
         """
 
 
 class Target(NamedTuple):
     """A target: its key in shmgen.toml, and the function that loads its module.
 
-    `after` lists the targets whose files this target includes. These targets are also planned and rendered, but
-    written only if the user requests them. An `opt_in` target is written only if shmgen.toml names it.
+    * `after` lists the targets that must be rendered first, because this target includes parts of their files. If the
+      user did not request a target in `after`, its files are rendered but not written.
+    * `opt_in` targets are written only if `targets` in shmgen.toml contains their keys.
     """
 
     key: str

@@ -1,4 +1,4 @@
-"""Find the services and actions that get clients and servers, because all their messages are generated."""
+"""Find the services and actions whose messages are all generated. Only these get clients and servers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from shmgen.core.model import Layouts, TypeName
 def services(layouts: Layouts) -> Iterator[TypeName]:
     """Yield each service whose request and reply messages are both generated, such as `std_srvs/srv/SetBool`.
 
-    Append `_Request` or `_Reply` with `name.part()` to get the name of one of the two messages.
+    For a yielded `service`, `service.part("_Request")` and `service.part("_Reply")` are the names of its messages.
     """
     return _whole(layouts, "srv", "_Request", "_Reply")
 

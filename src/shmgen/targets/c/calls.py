@@ -12,7 +12,7 @@ from shmgen.targets.c.text import in_comment
 
 
 class Part(NamedTuple):
-    """A member of shmgen_interface, such as `request`, and the name of the C structure for its messages."""
+    """A member of the C structure shmgen_interface, such as `request`, and the name of its messages' C structure."""
 
     member: str
     struct: str

@@ -31,8 +31,8 @@ def element(type_: Element, options: TypeOptions) -> str:
 def in_comment(text: str) -> str:
     """Return text that is safe in a C comment: it cannot end the comment, begin another one or join lines.
 
-    The function splits the marks of comments by a blank, and converts the trigraph `??/` to `? ?/`. C11 reads the
-    trigraph as a backslash. A backslash at the end of a line joins the next line.
+    A blank splits the marks of comments, and the trigraph `??/`. C11 reads this trigraph as a backslash, which would
+    join two lines if it is the last character of a line.
     """
     printable = "\n".join(map(_printable, text.split("\n")))
     return printable.replace("??/", "? ?/").replace("*/", "* /").replace("/*", "/ *").rstrip()
@@ -65,15 +65,15 @@ _PLAIN = set(range(0x20, 0x7F)) - set(b'"\\?')
 
 
 def quoted(text: bytes) -> str:
-    """Return a C string literal. Escape all characters except plain ASCII as three octal digits."""
+    """Return a C string literal. Bytes outside 0x20 .. 0x7E, `"`, `?` and backslashes become octal escapes."""
     return '"' + "".join(chr(byte) if byte in _PLAIN else f"\\{byte:03o}" for byte in text) + '"'
 
 
 def quoted_wide(text: str) -> str:
-    """Return a char16_t literal. Escape all characters except plain ASCII.
+    """Return a char16_t literal that escapes the same characters as quoted().
 
-    Characters below U+00A0 get octal escapes, and all others get universal character names. C and C++ do not allow
-    universal character names for most characters below U+00A0.
+    Characters below U+00A0 get octal escapes, and all others get universal character names (`\\u20ac`). C and C++ do
+    not allow universal character names for most characters below U+00A0.
     """
     return 'u"' + "".join(_wide(ord(char)) for char in text) + '"'
 

@@ -32,9 +32,9 @@ def _root(key: str, package: str) -> str:
 
 
 class Step(NamedTuple):
-    """One step of a conversion: the field `member` to convert.
+    """A field that the header converts from shmgen's class to ROS's class and back. `member` is its name in C++.
 
-    `kind` is the C++ tag of a time or a duration, or `void` for any other field.
+    `kind` is a C++ type that selects the conversion: `::shmgen::time`, `::shmgen::duration`, or `void` for all others.
     """
 
     member: str
