@@ -119,7 +119,7 @@ def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, 
 
 
 class _Named(NamedTuple):
-    """A name with its form in the target, to find collisions. A collision is reported at `span`.
+    """The `name` of a field or constant, and its form in the target, `target_name`. Collisions are reported at `span`.
 
     `role` is the purpose of a name that the generator adds, or `""` for a name from the user.
     """

@@ -72,8 +72,8 @@ def quoted(text: bytes) -> str:
 def quoted_wide(text: str) -> str:
     """Return a char16_t literal that escapes the same characters as quoted().
 
-    Characters below U+00A0 get octal escapes, and all others get universal character names (`\\u20ac`). C and C++ do
-    not allow universal character names for most characters below U+00A0.
+    Characters below U+00A0 get octal escapes, and all others get universal character names. C and C++ do not allow
+    universal character names for most characters below U+00A0.
     """
     return 'u"' + "".join(_wide(ord(char)) for char in text) + '"'
 

@@ -17,8 +17,8 @@ _ACTION = ("Goal", "Feedback", "Result", "Command", "Progress", "Outcome"), ("Ac
 class Calls(NamedTuple):
     """The template data for the header of a service or an action, as finished C++ code.
 
-    `name` begins the class names of the messages in `parts`. `kinds` lists the classes that the header defines, such as
-    `Client` and `Server`.
+    `parts` are endings of message classes: `Request` stands for `<name>_Request`. `kinds` are the endings of the
+    classes that the header defines: `Client` stands for `<name>Client`.
     """
 
     title: str

@@ -54,7 +54,7 @@ class Header(NamedTuple):
 def plan(job: Job, report: Report) -> Iterator[Output]:
     """Yield `cpp/<package>/<ros package>/msg/pose.hpp` for each message, and the shared files.
 
-    The headers include no file from `c/`.
+    The headers include no file from `c/`, because `cpp/` has its own copies of the protocol's headers.
     """
     root = f"cpp/{job.package}"
     yield region.plan(job.package, key="cpp")

@@ -59,7 +59,7 @@ class Ros(NamedTuple):
     """The target that generates the conversions for one version of ROS, 1 or 2.
 
     `include` returns the path of ROS's header for a message, and `type_name` the name of ROS's class. Both take the
-    message's definition and part, as split() returns them.
+    message's definition and part, as split() returns them. If `adapts`, the headers also define rclcpp TypeAdapters.
     """
 
     key: str

@@ -150,7 +150,8 @@ def fill(
 ) -> Iterator[str]:
     """Yield C that copies an input variable of a block into the message at the C expression `at`.
 
-    `part` contains the variable's name, the name of the message's field, and the variable's type.
+    `part` contains the variable's name, the path before the fields to set, and the variable's type. The path is `goal.`
+    for a field `goal` of the message, and `""` for the whole message.
     """
     name = struct_name(layout.name)
     yield f"{name} *message = ({name} *){at};"

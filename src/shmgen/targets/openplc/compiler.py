@@ -18,19 +18,22 @@ NS_PER_MS = 1_000_000
 class Compiler(NamedTuple):
     """One of the two open compilers: the pieces of C and of Structured Text in which they differ.
 
-    `longest` is the largest capacity of a STRING in bytes. `owner` is the C expression for a block's address, which
-    identifies the block. `text` returns the STRING type for a capacity; its second argument is True for an element of
-    an array.
+    * `longest`: the largest capacity of a STRING in bytes.
+    * `owner`: the C expression for a block's address, which identifies the block.
+    * `text`: the STRING type for a capacity. The second argument is True for the elements of an array.
 
-    Five functions take the name of a block's variable and return C. `get` returns the value of an elementary variable,
-    and `put` the statement that assigns a value. `structure` returns a variable that is a structure. `ns` returns a
-    TIME in nanoseconds. `topic` is for a STRING: it returns a statement to run first, and the expressions for text and
-    length.
+    Five functions take the name of a block's variable and return C:
 
-    Six functions take a C expression for a value in the program. `element` returns an element of an array, and `value`
-    the value of a member. `time_in` returns the statement that assigns a TIME in milliseconds, and `time_out` returns a
-    TIME in milliseconds. `text_in` returns the statement that copies a string from the message to the program.
-    `text_out` returns the statement that copies a string from the program to the message, up to a capacity.
+    * `get`: the value of an elementary variable. `put`: the statement that assigns a value.
+    * `structure`: a variable that is a structure. `ns`: a TIME in nanoseconds.
+    * `topic`: for a STRING, a statement to run first, and the expressions for the text and the length.
+
+    Six functions take a C expression for a value in the program:
+
+    * `element`: an element of an array. `value`: the value of a member.
+    * `time_in`: the statement that assigns a TIME in milliseconds. `time_out`: a TIME in milliseconds.
+    * `text_in`: the statement that copies a string from the message to the program.
+    * `text_out`: the statement that copies a string from the program to the message, up to a capacity.
     """
 
     title: str

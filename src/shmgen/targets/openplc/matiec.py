@@ -104,6 +104,6 @@ def _long(block: Block) -> Iterator[str]:
 def _in_comment(line: str) -> str:
     """Return a line of C for a comment of Structured Text: it cannot end the comment or begin another one.
 
-    The function splits `(*` and `*)` by a blank. The C code contains neither of them in a string, so its meaning stays.
+    A blank splits `(*` and `*)`. No string in the C code contains these marks, so the code keeps its meaning.
     """
     return line.replace("(*", "( *").replace("*)", "* )")

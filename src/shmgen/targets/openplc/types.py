@@ -94,7 +94,7 @@ def _is_small(value: float) -> bool:
 def constants(layout: Layout, compiler: Compiler) -> tuple[Variable, ...]:
     """Return the constants of a message as variables with initial values.
 
-    Strings are omitted, and numbers that have no literal which both compilers accept.
+    Strings are omitted. Numbers are omitted if one of the compilers rejects their literals.
     """
     variables = []
     for constant in layout.message.constants:

@@ -73,12 +73,12 @@ def annotation(slot: Slot, names: Mapping[TypeName, str]) -> str:
 
 
 def hiding(annotations: list[Line], constants: list[Line], used: Set[str]) -> Iterator[str]:
-    """Yield the lines that give a name in `used` a new meaning, so that the template places them last in a class body.
+    """Yield the lines of a class body that must come last, because they hide a name in `used`.
 
-    `used` are the names that the class body itself uses, such as `int`. A constant or an annotation of the same name
-    would change their meaning in all later lines. One assignment sets all these constants, because a value may use a
-    name that another constant hides. Fields named like a builtin type come last, because the annotations of other
-    fields may use the builtin type.
+    * `used` are the names that the class body itself uses, such as `int`. After a line `int: float`, the name `int`
+      would no longer mean the builtin type.
+    * One assignment sets all constants with such names, because a value may use a name that another constant hides.
+    * Fields named like a builtin type come after all others, whose annotations may use the builtin type.
     """
     hidden = [row for row in constants if row.name in used]
     if hidden:

@@ -32,10 +32,10 @@ _KINDS = {Scalar.BOOL: "boolean", **{kind: kind.value for kind in Scalar if kind
 
 
 class Number(NamedTuple):
-    """A number in a message, or all numbers at the same place in the elements of arrays.
+    """A number in a message. A `path` through an array, such as `joints[].x`, stands for the numbers of all elements.
 
-    `dimensions` has an entry for each array that contains the number, outermost first. An entry contains the arguments
-    of the C++ class `Dimension`. `length` is the product of the lengths of these arrays.
+    `dimensions` has an entry for each array on the path, outermost first. An entry contains the arguments of the C++
+    class `Dimension`. `length` is the product of the lengths of these arrays.
     """
 
     path: str
@@ -46,7 +46,10 @@ class Number(NamedTuple):
 
 
 class Region(NamedTuple):
-    """The template data for a topic. `way` is the C++ class that transfers the topic: Commands or States."""
+    """The template data for a topic. `way` is the C++ class that transfers the topic: Commands or States.
+
+    `list` is the C++ variable that contains all objects of this class.
+    """
 
     way: str
     list: str
@@ -57,7 +60,7 @@ class Region(NamedTuple):
 
 
 class Interface(NamedTuple):
-    """A command or state interface of a joint or gpio in the URDF. It carries the number `field` of `topic`."""
+    """An interface of a joint or gpio in the URDF, for the number `field` of `topic`. `way` is `command` or `state`."""
 
     way: str
     name: str

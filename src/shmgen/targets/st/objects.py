@@ -53,7 +53,10 @@ class Variables(NamedTuple):
 
 
 class DataType(NamedTuple):
-    """A structure, an enumeration over the type `base`, or an alias of the type `alias`."""
+    """A structure, an enumeration over the type `base`, or an alias of the type `alias`.
+
+    `initial` is the initial value of an enumeration's variables, or `""`.
+    """
 
     name: str
     head: Head
@@ -74,7 +77,8 @@ class GlobalList(NamedTuple):
 class Unit(NamedTuple):
     """A function block, a program or a method. `keyword` is FUNCTION_BLOCK, PROGRAM or METHOD.
 
-    The text in the file consists of `declaration`, `body`, and a last line such as END_METHOD.
+    `access` is PUBLIC, PRIVATE or `""`. `returns` is the type of a method's result, or `""`. The text in the file
+    consists of `declaration`, `body`, and a last line such as END_METHOD.
     """
 
     keyword: str

@@ -55,8 +55,8 @@ def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence
 class Use(NamedTuple):
     """A topic, service or action of shmgen.toml, with the function block that transfers its data.
 
-    `inputs` are lines of Structured Text: the inputs with which the program calls the block. The program calls the
-    blocks in the order of `order`: first the blocks that receive data for the PLC.
+    `inputs` are lines of Structured Text: the inputs with which the program calls the block. `order` is False for a
+    block that receives data for the PLC. The program calls these blocks first.
     """
 
     order: bool

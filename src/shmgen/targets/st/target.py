@@ -36,7 +36,8 @@ _WIDEST_COLUMN = 56
 class Block(NamedTuple):
     """The template data for a publisher or subscriber block. If `fits` is true, the block checks counts.
 
-    `is_writer` is TRUE or FALSE. `type_name`, `digest` and `size` are the names of constants in the list `gvl`.
+    `is_writer` is TRUE for a publisher, FALSE for a subscriber. `end` is the block's variable of type FB_ShmRegion.
+    `type_name`, `digest` and `size` are the names of constants in the list `gvl`.
     """
 
     name: str
