@@ -44,7 +44,7 @@ def calls_header(name: TypeName, package: str) -> str:
 
 
 def calls_name(name: TypeName) -> str:
-    """Return the prefix of a service's or an action's C names: `shm_std_srvs_SetBool` for `shm_std_srvs_SetBool_client`.
+    """Return the prefix of a service's or an action's C names: `shm_std_srvs_SetBool`, as in `<prefix>_client`.
 
     The prefix of an action ends with `_action`, so that a service of the same name has other names.
     """
