@@ -130,7 +130,7 @@ class Reader:
         self.report.error("SHM502", message, self.span(section, key), hint=hint)
 
     def span(self, section: str, key: str) -> Span:
-        """Return the place of a key, or the place of its table if the position of the key is unknown.
+        """Return the position of a key. If this position is unknown, return the position of the key's table.
 
         The position of a dotted key, or of a key in an inline table, is unknown.
         """
@@ -160,9 +160,9 @@ _QUOTED = re.compile(r"""["']([^"']+)["']""")
 
 
 def _positions(text: str, prefix: str, shown_path: str) -> dict[tuple[str, str], Span]:
-    """Return the place of each key of a TOML document, by section and key.
+    """Return the position of each key of a TOML document, by section and key.
 
-    The function exists because TOML libraries do not report places. Entry n of [[topics]] is the section `topics.n`.
+    TOML libraries do not report positions. Entry n of [[topics]], counted from 0, is the section `topics.n`.
     """
     positions: dict[tuple[str, str], Span] = {}
     section, entries = "", Counter[str]()

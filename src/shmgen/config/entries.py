@@ -18,7 +18,7 @@ DEFAULT_STRING = 80
 
 
 class Bound(NamedTuple):
-    """One line of `[bounds]` or `[strings]`: the number, and its place in shmgen.toml for diagnostics."""
+    """One line of `[bounds]` or `[strings]`: the number, and the line's position in shmgen.toml for diagnostics."""
 
     value: int
     span: Span

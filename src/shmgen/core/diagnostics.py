@@ -119,9 +119,9 @@ _MOST_OF_ONE_FILE = 20
 
 @dataclass(slots=True)
 class Report:
-    """Collects the diagnostics of one step of a command, such as reading the definitions.
+    """Collects the diagnostics of one part of a command's work, such as reading all definitions.
 
-    At the end of the step, `stop_if_any` raises an error if there are diagnostics.
+    After this part, the caller calls stop_if_any(), which raises an error if there are diagnostics.
     """
 
     diagnostics: list[Diagnostic] = field(default_factory=list)

@@ -241,10 +241,7 @@ class Message:
 
 
 class Schema(NamedTuple):
-    """Definitions of the requested messages and of their nested messages, dependencies first.
-
-    `requested` has the names of the messages that the user requested.
-    """
+    """Definitions of messages, dependencies first. `requested` has the names of the requested messages."""
 
     messages: tuple[Message, ...]
     requested: frozenset[TypeName] = frozenset()
@@ -349,10 +346,7 @@ class Topic(NamedTuple):
 
 
 class Service(NamedTuple):
-    """A service. If `on_plc`, the PLC is the server, else the client.
-
-    The bridge waits `timeout` seconds for a response.
-    """
+    """A service. If `on_plc`, the PLC is the server, else the client. `timeout` limits a call, in seconds."""
 
     name: str
     type: TypeName

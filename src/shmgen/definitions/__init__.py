@@ -2,7 +2,7 @@
 
 The module `schema` requests messages from `library`. The library searches the folders of the user with `folders`, then
 a sourced ROS with `environment`, or the built-in definitions with `store`. `parser` reads .msg, .srv and .action files,
-and `idl` reads .idl files. To search a new place, write a function that returns a Catalogue. To read a new language,
+and `idl` reads .idl files. To search a new source, write a function that returns a Catalogue. To read a new language,
 write a parser.
 """
 

@@ -38,7 +38,7 @@ class Definition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """A package of definitions. `place` is its location as diagnostics print it.
+    """A package of definitions. `place` is the path of its folder or the name of its store, for diagnostics.
 
     `definitions` maps the name of each message to the definition that contains the message. `dialect` is None if the
     package does not name its dialect; the package then gets the default dialect of the library.

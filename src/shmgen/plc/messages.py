@@ -93,7 +93,7 @@ class _Place(NamedTuple):
 _DEEPEST = 50
 """The limit of nested messages, and of bases of bases."""
 _PLACES = 5
-"""The largest number of further places that are shown for one error."""
+"""The largest number of further positions that are shown for one error."""
 
 
 _MOST_HINTS = 20
@@ -117,7 +117,7 @@ class _Work:
         self.faults: dict[tuple[str, str], tuple[NotConvertible, list[_Place]]] = {}
 
     def diagnostics(self) -> list[Diagnostic]:
-        """Return one diagnostic for each error, with the places at which the error occurs."""
+        """Return one diagnostic for each error, with the declarations or members in which the error occurs."""
         diagnostics = []
         for error, (first, *others) in self.faults.values():
             details = list(error.details)

@@ -137,10 +137,11 @@ class Folder(NamedTuple):
 class Project(NamedTuple):
     """The template data for the XML file and the import script.
 
-    `data_types`, `lists` and `units` together contain all objects. In the IDE, the folder named `folder` contains all
-    objects: most objects are in its subfolders, `folders`. The objects outside a subfolder are in `loose`, as one
-    Folder without a name; `loose` is empty if there are none. `seconds` and `milliseconds` are the interval of the
-    task, for PLCopen and for CODESYS. `library_manager` is the id of the IDE's object with the list of libraries.
+    * `data_types`, `lists` and `units` together contain all objects, as the XML file groups them.
+    * `folders` and `loose` contain the same objects, as the IDE groups them. `folders` are the subfolders of the folder
+      `folder`. `loose` has one Folder without a name for the objects outside the subfolders, or is empty.
+    * `seconds` and `milliseconds` are the interval of the task, for PLCopen and for CODESYS.
+    * `library_manager` is the id of the IDE's object with the list of libraries.
     """
 
     data_types: tuple[DataType, ...]

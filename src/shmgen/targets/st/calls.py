@@ -14,7 +14,7 @@ from shmgen.targets.st.counts import Check, checks
 class Carried(NamedTuple):
     """The Structured Text names of one message in a region: its structure, and the list of its constants.
 
-    `variable` is the block's variable with a sample, and `suffix` the end of the region's name.
+    `variable` is the block's variable that holds a sample. `suffix` ends the region's name, such as `-request`.
     """
 
     dut: str
