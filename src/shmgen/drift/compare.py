@@ -281,7 +281,7 @@ def _capacity(type_: str) -> str:
 
 
 def _encoding(type_: str, settings: Mapping[str, object]) -> object:
-    """Return the setting that decides how a type is encoded, or None if no setting does.
+    """Return the value of the setting that decides how a type is encoded, or None if no setting does.
 
     For example, `bool` is USINT or BOOL, `time` is TIME or LTIME, and `string` is utf-8 or latin-1.
     """

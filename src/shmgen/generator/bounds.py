@@ -25,8 +25,8 @@ from shmgen.core.model import (
 def apply(schema: Schema, bounds: Bounds, report: Report, in_reach: Callable[[], Iterable[TypeName]] = tuple) -> Schema:
     """Return the schema with a bound for every string and sequence, from the definitions and the configuration.
 
-    `in_reach` returns all available messages; a key that matches none of them is reported as SHM502. Raises Rejected if
-    a sequence is unbounded (SHM101), a field is bounded twice (SHM103), or a key names no field (SHM502).
+    `in_reach` returns all available messages, to find keys that name none of these messages. Raises Rejected if a
+    sequence is unbounded (SHM101), a field is bounded twice (SHM103), or a key names nothing (SHM502).
     """
     _check_keys(schema, bounds, in_reach, report)
     messages = tuple(

@@ -70,7 +70,7 @@ def render_layouts(config: Config, layouts: Layouts) -> dict[str, str]:
 
 
 def _is_linked(path: str, text: str, config: Config) -> bool:
-    """Return True if another run, given with --link, has already generated the same file."""
+    """Return True if another run, whose output the user names with --link, has already generated the same file."""
     has_one_for_each_type = path.startswith(("c/", "cpp/", "cpp_ros1/", "cpp_ros2/", "st/"))
     return has_one_for_each_type and path in config.linked and config.linked[path] == lockfile.sha256(text)
 

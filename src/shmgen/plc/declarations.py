@@ -281,9 +281,9 @@ class _Reader:
         self.need(")")
 
     def until(self, *ends: str, keep: bool = False) -> tuple[list[str], _Token]:
-        """Read up to one of the words `ends` outside brackets. Return the words before this end, and the end.
+        """Read up to the first word that is in `ends` and outside brackets. Return the words before it, and this word.
 
-        If `keep` is true, the end stays unread, and the word before the end is returned in place of the end.
+        If `keep` is true, this word stays unread, and the word before it is returned instead.
         """
         words: list[str] = []
         depth = 0

@@ -235,7 +235,7 @@ class _Work:
             raise NotConvertible(reason, hint)
 
     def _line(self, declared: Declaration) -> list[Declaration]:
-        """Return all structures that a structure extends, directly or indirectly, and then the structure itself."""
+        """Return all structures that `declared` extends, directly or indirectly, from the first base to `declared`."""
         line = [declared]
         while base := line[-1].extends:
             base_type = self._find(base)

@@ -53,7 +53,8 @@ class Module(NamedTuple):
 class Root(NamedTuple):
     """The template data for the `__init__.py` of the top package.
 
-    `beside` is the folder with the included runtime, or `""` if the package does not include the runtime.
+    `beside` is the folder with the included runtime, or `""` if the package does not include the runtime. `needs` is
+    the advice in the error message for a missing Python package.
     """
 
     title: str

@@ -64,9 +64,9 @@ class Starting(NamedTuple):
     def plan(self, job: Job, report: Report) -> Iterator[Output]:
         """Yield the files of the ROS package, in `<key>/<package name>/`.
 
-        If shmgen.toml has no topic, service or action, report SHM504. The package contains the bridge's settings from
-        shmgen.toml. If the user has definitions, the package also contains copies of these definitions, and `path` in
-        its settings names their folder.
+        If shmgen.toml has no topic, service or action, report SHM504. The package contains a copy of shmgen.toml with
+        the bridge's settings. If the user has definitions, the package also contains copies of the definitions, and
+        `path` in the copied shmgen.toml names the folder of these copies.
         """
         package = described(self.key, job, report)
         if package is None:
