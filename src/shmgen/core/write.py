@@ -174,7 +174,7 @@ _STAGED = re.compile(r"\..+\.shmgen-[a-z0-9_]{8}\.tmp")
 def _lock_folder(folder: Path) -> Iterator[int | None]:
     """Wait until no other run writes into the folder, as in a parallel build. Yield a descriptor of the locked folder.
 
-    On Windows, yield None. There, and on a file system without locks, two runs may write at the same time.
+    On Windows, yield None. On Windows, and on a file system without locks, two runs may write at the same time.
     """
     if fcntl is None:
         yield None

@@ -13,7 +13,7 @@ _LONGEST_TEXT_SHOWN = 60
 
 
 class DefinitionError(Exception):
-    """A declaration is not usable. The parser turns this exception into a diagnostic and reads on."""
+    """A declaration is not usable. The parser turns this exception into a diagnostic and continues."""
 
     def __init__(self, code: str, message: str, span: Span, hint: str = "") -> None:
         super().__init__(message)

@@ -170,7 +170,7 @@ def _values(before: Block, after: Block) -> tuple[Change, ...]:
 def _constants(before: Block, after: Block) -> Iterable[tuple[Change, bool]]:
     """Yield each new, removed or changed constant, with True if its value changed.
 
-    A new or removed constant, or another type with the same value, has False.
+    If a constant is new or removed, or if only its type changed, yield False.
     """
     for name in {**before.constants, **after.constants}:
         was, now = before.constants.get(name), after.constants.get(name)

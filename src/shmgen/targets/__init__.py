@@ -57,8 +57,8 @@ class RenderedFile(NamedTuple):
 class Job:
     """The input of a target: the layouts of all messages, and the settings of shmgen.toml.
 
-    `package` is the name of all generated code, such as `shm_msgs`. Some targets include the files of other targets.
-    `rendered` contains these other files, by the key of the target that rendered them.
+    `package` is the name of all generated code, such as `shm_msgs`. `rendered` maps the key of each target in
+    `Target.after` to the files of that target, which the current target includes.
     """
 
     layouts: Layouts

@@ -21,8 +21,8 @@ class Part(NamedTuple):
 class Calls(NamedTuple):
     """The template data for the header of a service or an action.
 
-    The regions of a service or an action contain up to three messages. `request`, `response` and `progress` name their
-    C structures. A service has no progress message, so its `progress` is `""`. `number` is the name of the field that
+    The regions of a service or an action contain up to three messages. `request`, `response` and `progress` are the
+    names of their C structures. `progress` is `""` for a service. `number` is the name of the field that
     contains the number of the call or goal. `headed` lists the messages that begin with this field.
     """
 

@@ -104,7 +104,7 @@ _WHEN = {
 
 
 def _stored(block: Block) -> Structure:
-    """Return the structure that other programs use instead of a block: its outputs and the user's inputs."""
+    """Return the structure that the user's programs use instead of a block: the outputs, and the inputs of the user."""
     user_variables = [variable for variable in (*block.inputs, *block.outputs) if variable.name not in _BLOCK_ONLY]
     return Structure(f"ST_Of_{block.name}", f"inputs and outputs of {block.name}", tuple(user_variables))
 
