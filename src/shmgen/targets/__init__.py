@@ -57,8 +57,8 @@ class RenderedFile(NamedTuple):
 class Job:
     """The input of a target: the layouts of all messages, and the settings of shmgen.toml.
 
-    `package` is the name of all generated code, such as `shm_msgs`. `rendered` maps the key of each target in
-    `Target.after` to the files of that target, which the current target includes.
+    `package` is the name of all generated code, such as `shm_msgs`. `rendered` maps the keys of other targets to their
+    rendered files, at least of all targets in `Target.after`.
     """
 
     layouts: Layouts
