@@ -102,7 +102,7 @@ def _name(arguments: Sequence[str]) -> str:
 
 
 def _fingerprint(line: str) -> str:
-    """Return a fingerprint of a file or folder, which changes with its content. The fingerprint contains no blank.
+    """Return a fingerprint, without blanks, of the content of a file or folder.
 
     `line` is a letter and a path. The letter selects what counts as content: the bytes of a file, the names in a
     folder, or the size and time of a file.

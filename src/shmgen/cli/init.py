@@ -59,7 +59,7 @@ class Proposal:
 
 
 def propose(folder: Path) -> Proposal:
-    """Return a shmgen.toml for the message packages in and below a folder, with all bounds that they need.
+    """Return a shmgen.toml for the message packages in and below a folder, with all bounds that their messages need.
 
     Raises Rejected if a definition is invalid.
     """

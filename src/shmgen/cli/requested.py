@@ -79,7 +79,7 @@ def remember(
     """Store in the cache that this command had nothing to do and printed `output`.
 
     `files` are the paths of the generated files. `began` and `written` are those of check_cache.store(). Nothing is
-    stored if a definition is requested by path or comes from a sourced ROS, because its file may then be anywhere.
+    stored if a definition is requested by path or comes from a sourced ROS, because the cache cannot watch its file.
     """
     anywhere = config.source == "env" or any(Path(request).suffix for request in requests)
     if not anywhere:

@@ -147,7 +147,7 @@ class Viewer(App[None]):
     def __init__(
         self, registry: ClassRegistry, *, allow_write: bool, topic: str | None = None, fields: Sequence[str] = ()
     ) -> None:
-        """Prepare to show the table of all regions. If `topic` is given, show it first, with curves of `fields`.
+        """Prepare to show the table of all regions. If `topic` is given, begin with its screen and curves of `fields`.
 
         `allow_write` lets the user publish samples.
         """

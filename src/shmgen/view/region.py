@@ -72,7 +72,7 @@ class Fields(Tree[Item]):
     def show_values(self, message: Message, is_drawn: Callable[[str], bool]) -> None:
         """Write the values of `message` into the visible lines. Adjust expanded arrays to their number of elements.
 
-        If `is_drawn` returns True for the path of a field, the field has a curve, and its line gets a mark.
+        If `is_drawn` returns True for the path of a field, the field has a curve: mark the line of the field.
         """
         for path, node in list(self._arrays.items()):
             if path in self._arrays and node.is_expanded:  # removed if an enclosing array became shorter

@@ -3,12 +3,12 @@
 textual-serve provides the page, and a WebSocket that runs one shmgen process for each visit. This module adds the
 protection:
 
-* It listens on the loopback address only.
-* It checks the Host header, so that no other site reaches the page through a DNS name (DNS rebinding).
+* The server listens on the loopback address only.
+* The server checks the Host header, so that no other site reaches the page through a DNS name (DNS rebinding).
 * A token in the address works once and sets a cookie.
 * The path is random, because a browser sends a cookie to every port of a host.
-* It checks the Origin header of the WebSocket.
-* Its content security policy blocks resources of other sites and frames in other pages.
+* The server checks the Origin header of the WebSocket.
+* The content security policy of the page blocks resources of other sites and frames in other pages.
 """
 
 from __future__ import annotations

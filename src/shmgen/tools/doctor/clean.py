@@ -22,9 +22,10 @@ _WATCH = 0.25
 def leftovers(topic: str) -> list[str]:
     """Return the files of a topic that `shmgen clean` should remove: its semaphores, then its region.
 
-    The region is last, because `shmgen clean --all` finds the rest of an interrupted removal by it. The list includes
-    a region whose creator died before writing the header, and semaphores without a region. Raises RegionMissing if
-    there are no files, PermissionDenied, and RegionUnusable if the region's file is not a region of shmgen.
+    The region is last: `shmgen clean --all` searches for regions, and can then repeat an interrupted removal. The list
+    includes a region whose creator died before writing the header, and semaphores without a region. Raises
+    RegionMissing if there are no files, PermissionDenied, and RegionUnusable if the region's file is not a region of
+    shmgen.
     """
     name = region_name(topic)
     files = [file for file in (semaphore_file(event_name(name)), semaphore_file(name)) if os.path.lexists(file)]

@@ -37,8 +37,8 @@ class Examination:
 def examine(topic: str | None, registry: ClassRegistry) -> Examination:
     """Inspect all regions, or the regions of `topic`, and return the findings.
 
-    The inspection takes 0.25 s, or 1.05 s if a lock seems stuck. Raises RegionMissing, PermissionDenied, Rejected if
-    shmgen.toml is invalid, and ValueError if the topic is invalid.
+    The inspection takes 0.25 s, or 1.05 s if a lock seems stuck. Raises RegionMissing if the topic has
+    no region, Rejected if shmgen.toml is invalid, ValueError if the topic is invalid, and PermissionDenied.
     """
     requested = None if topic is None else resolve_topic(topic)
     names = live() if requested is None else [region_name(one) for one in requested]

@@ -33,7 +33,7 @@ def of_logout(regions: Sequence[Evidence], root: Path = Path("/")) -> Iterator[P
 
 
 def removes_ipc(root: Path = Path("/")) -> bool:
-    """Return True if RemoveIPC= is yes, the default, in logind.conf and its drop-ins."""
+    """Return True if RemoveIPC= is yes, the default, in logind.conf and its drop-ins below `root`."""
     mains = (root / place / "systemd/logind.conf" for place in _PLACES)
     drop_ins: dict[str, Path] = {}
     for place in reversed(_PLACES):

@@ -40,5 +40,5 @@ def semaphores(processes: Processes) -> list[str]:
 
 
 def is_temporary(name: str) -> bool:
-    """Return True if the name of a semaphore's file is random rather than chosen."""
+    """Return True if glibc may have generated the name at random, and a user has probably not chosen the name."""
     return bool(_TEMPORARY.fullmatch(name) and not _WORD.fullmatch(name))

@@ -39,12 +39,13 @@ _TRIES = 5
 class Row:
     """The state of one region: a row in the table of `shmgen top`.
 
-    `rate` is in samples a second and `lock` in acquisitions a second, both averaged over the last calls of look().
-    `lock` is None if one process held the lock during the whole time between two calls. `age` is the seconds since the
-    newest sample, None if unknown. `missed` counts the samples that all readers missed since the region was created.
-    `readers` are the pids of all processes that map the region, except the writer and processes that this user cannot
-    inspect. `size` and `payload` are in bytes. If the region is damaged, `type` is the reason and most other fields are
-    empty.
+    * `rate` is in samples a second and `lock` in acquisitions a second, both averaged over the last calls of look().
+      `lock` is None if one process held the lock during the whole time between two calls.
+    * `age` is the seconds since the newest sample, None if unknown. `size` and `payload` are in bytes.
+    * `missed` counts the samples that all readers missed since the region was created.
+    * `readers` are the pids of all processes that map the region, except the writer and processes that this user cannot
+      inspect.
+    * If the region is damaged, `type` is the reason, and most other fields are empty.
     """
 
     topic: str
