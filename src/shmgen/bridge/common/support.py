@@ -97,7 +97,7 @@ def remember_bounded(values: dict[T, V], peer: T, value: V) -> None:
 
 
 def await_server(is_connected: Callable[[], bool], timeout: float) -> float:
-    """Wait for a server. Return the deadline of the call by time.monotonic(). Raises NoAnswer at the deadline."""
+    """Wait for a server. Return the deadline of the call, a time.monotonic() value. Raises NoAnswer at the deadline."""
     deadline = time.monotonic() + timeout
     while not is_connected():
         if time.monotonic() >= deadline:

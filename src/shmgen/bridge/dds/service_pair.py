@@ -102,7 +102,7 @@ class ServiceTransport(Protocol):
     """The beginning of a sentence: what the user can do to enable inline identities. `""` if there is no advice."""
 
     def pair(self, reads: Direction, writes: Direction, on_peer: OnPeerDiscovered) -> Pair:
-        """Create a reader of `reads` and a writer of `writes`. `on_peer` is called for new peers. Raises ValueError."""
+        """Create a reader of `reads` and a writer of `writes`, or raise ValueError. Call `on_peer` for new peers."""
 
     def leave(self) -> None:
         """Leave the domain permanently, without waiting."""
