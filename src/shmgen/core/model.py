@@ -291,6 +291,7 @@ class Slot:
     """A range of `size` bytes in a message, from byte `offset`: `count` elements of `type`, or one if `count` is None.
 
     `align` is the alignment of `type` in bytes. In a message with a smaller `pack`, the offset may be less aligned.
+    `field` is None for padding and for the filler of a message without fields.
     """
 
     name: str
@@ -346,7 +347,7 @@ class Topic(NamedTuple):
 
 
 class Service(NamedTuple):
-    """A service. If `on_plc`, the PLC is the server, else the client. `timeout` limits a call, in seconds."""
+    """A service. If `on_plc`, the PLC is the server, else the client. A call may take `timeout` seconds."""
 
     name: str
     type: TypeName

@@ -14,7 +14,10 @@ from shmgen.definitions.annotations import Text
 from shmgen.definitions.tokens import DefinitionError
 
 LARGEST = 2**14
-"""The longest file in characters, which takes some seconds to parse. px4_msgs/VehicleCommand has 8,000."""
+"""The largest number of characters in a file, each run of blanks counted as one. Parsing then takes some seconds.
+
+px4_msgs/VehicleCommand has 8,000.
+"""
 
 DEBIAN = "/usr/lib/python3/dist-packages"
 """The folder of Debian's package python3-rosidl. Only Debian's own Python searches this folder."""

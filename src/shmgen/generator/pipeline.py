@@ -169,11 +169,12 @@ def job_of(config: Config, layouts: Layouts, report: Report) -> Job:
 
 
 class Item(NamedTuple):
-    """One message in the list of available messages. It has a size in bytes, or lacks the bounds in `unbounded`.
+    """One message in the list of available messages.
 
-    `unbounded` has the keys to add to [bounds]. `defaulted` has the keys whose bound is only the `default` of [bounds].
-    `diagnostics` are the other diagnostics that `generate` would report. If an item has neither a size nor `unbounded`
-    keys, the definition of the message or of a dependency is invalid.
+    * `size`: the size of the message in bytes, or None if a bound is missing or a definition is invalid.
+    * `unbounded`: the keys that the user must add to [bounds].
+    * `defaulted`: the keys whose bound is only the `default` of [bounds].
+    * `diagnostics`: all other diagnostics that `generate` would report.
     """
 
     name: TypeName

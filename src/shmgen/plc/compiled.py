@@ -37,7 +37,8 @@ class Converted(NamedTuple):
 class _Sum:
     """Computes the offsets, the size and the alignment of a structure, from the sizes of its members.
 
-    No member is aligned to more than `pack` bytes. The first member follows a base structure of `at` bytes.
+    No member is aligned to more than `pack` bytes. The first member follows a base structure, which has `at` bytes,
+    the alignment `alignment` and the members `places`.
     """
 
     def __init__(self, pack: int, at: int = 0, alignment: int = 1, places: tuple[Extent, ...] = ()) -> None:

@@ -12,7 +12,7 @@ from shmgen.plc.compiled import Compiled
 from shmgen.plc.declarations import MOST, Declaration, Member, Unreadable, name, pack_mode
 
 Part = tuple[str, list[Declaration], list[Member]]
-"""The name of the list that declares the constants, or `""`; the types; the constants."""
+"""A group of types and constants. The text is the name of the list that declares the constants, or `""`."""
 
 _COMMENT = "documentation"
 _LINES = ("p", "br", "li", "div")
