@@ -31,7 +31,7 @@ typedef struct shmgen_call {
     void *progress;
     int64_t since;       /* ns, when the client's timeout began */
     shmgen_status error; /* the reason why the call failed or was refused */
-    int32_t job;         /* server: the final status of the call, 0 = the call is still executed */
+    int32_t job;         /* server: the final status (shmgen_calls.h), 0 = the call is still executed */
     int32_t how;         /* client: the status received last */
     uint32_t number;     /* number of the request, 0 = not sent yet */
     bool ready;          /* the regions are open */
@@ -436,7 +436,7 @@ static inline uint32_t shmgen_block_refused(const shmgen_block *self)
 }
 
 /* Copy a string of the program, up to its NUL, to a string of `capacity` characters and a NUL. If the string is too
- * long, keep one character too many and no NUL: the check of the message then refuses the string. */
+ * long, copy capacity + 1 characters and no NUL, so that the check of the message refuses the string. */
 static inline void shmgen_text_out(char *to, size_t capacity, const void *from, size_t length)
 {
     const void *end = memchr(from, 0, length);

@@ -78,7 +78,7 @@ typedef struct shmgen_type {
 /* The options of a publisher or subscriber. If all members are 0, every option has its default. */
 typedef struct shmgen_options {
     const char *group;  /* group of the files, by name or number; NULL: the group in shmgen.toml, if it is set */
-    uint32_t depth;     /* samples that a slow reader can still read, equal on both sides; 0 means 1 */
+    uint32_t depth;     /* number of newest samples that stay readable, equal on both sides; 0 means 1 */
     uint32_t mode;      /* mode of the files, such as 0660; 0: the mode in shmgen.toml, else 0660 for new files */
     uint32_t lock_us;   /* timeout for the lock in us, at most 1000000. 0: SHMGEN_LOCK_MS. Exception: on machines that
                          * need the lock (not x86), 0 means 1.1 s for a writer: a stuck lock is recovered in this time */
@@ -120,12 +120,12 @@ typedef struct shmgen_link {
     uint32_t mode;        /* required mode of the files, 0 = any */
     uint32_t seen_holder; /* header field lock_holder at the time holder_since */
     uint32_t seen_count;  /* header field lock_count at the time holder_since */
-    uint32_t seen;    /* 1: a holder was noted, 2: a call has also waited for this holder */
+    uint32_t seen;    /* 1: seen_holder is set; 2: a call has waited for this holder in vain */
     uint32_t misses;  /* how often the lock was not free in time */
     uint32_t refused; /* messages refused because a field did not fit or a count was above its bound */
     uint32_t attempts; /* how often opening was started again */
     uint32_t passive; /* 1: nothing is written to the region, and the lock is not used */
-    uint32_t watches; /* 1: the region must exist */
+    uint32_t watches; /* 1: open the region only if it exists, never create it */
     uint32_t writes;   /* 1: this is a publisher */
     uint32_t outdated; /* a shmgen_status: why the existing region must be replaced, or why its samples were lost */
     uint32_t beat;     /* heartbeat of a PLC that may be the writer */
@@ -141,7 +141,7 @@ typedef struct shmgen_link {
     sem_t *event;        /* NULL = none, or not open */
     uint64_t size;       /* bytes of the region */
     int64_t limit;       /* ns to wait for the lock */
-    uint64_t checked;    /* ns, last removal check of the file, minus SHMGEN_TICK: a coarse clock may lag */
+    uint64_t checked;    /* ns, time of the last removal check of the file, minus the lag of a coarse clock */
     uint32_t step;       /* a shmgen_step */
     uint32_t slots;
     uint32_t slot_size;

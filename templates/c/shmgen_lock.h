@@ -11,7 +11,7 @@
 
 SHMGEN_BEGIN_DECLS
 
-/* Maximum number of surplus tokens that one call removes from the semaphore. */
+/* The semaphore's value is 0 or 1. If it is larger, one call decrements it this many times at most. */
 #define SHMGEN_SURPLUS 64
 /* Number of tries before a sleep. A writer that has completed its sample releases the lock 50 ns later, while a sleep
  * takes about 5,000 ns. */
@@ -114,7 +114,7 @@ static inline bool shmgen_is_overdue(const shmgen_link *link)
 
 /* Take over the lock from a dead holder. Return true on success; the caller then releases the lock with
  * shmgen_leave(). A record lock lets only one process at a time recover the lock. Each process first tries to acquire
- * the lock again. Otherwise a new holder that has not incremented lock_count yet would be considered dead. */
+ * the lock again, because a new holder may not have incremented lock_count yet, and would be considered dead. */
 static inline bool shmgen_take_over(shmgen_link *link, int64_t limit)
 {
     bool inside;

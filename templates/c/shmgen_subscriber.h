@@ -151,7 +151,7 @@ static inline size_t shmgen_find(const shmgen_link *end, uint32_t number)
     return 0;
 }
 
-/* Used in place of a time limit for the lock: read without the lock. */
+/* A value in place of the timeout for the lock. It selects a read without the lock. */
 #define SHMGEN_OUTSIDE INT64_C(-1)
 
 /* Return the timeout in ns for the lock in one of the SHMGEN_TRIES tries of a read; `left` is the number of tries

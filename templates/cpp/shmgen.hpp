@@ -44,7 +44,7 @@ inline void log_reopened(const char *region) noexcept
 // Options for opening a topic, with their defaults; shmgen_link.h describes each option.
 struct Options {
     Group group = {};                 // group of the region's files
-    std::uint32_t depth = 0;          // samples that a slow reader can still read, equal on both sides; 0 selects 1
+    std::uint32_t depth = 0;          // number of newest samples that stay readable, equal on both sides; 0 selects 1
     Permissions mode = {};            // permissions of the region's files
     std::chrono::nanoseconds lock{};  // longest time that a call waits for the lock, 1 s at most
     bool unstamped = false;           // true: samples carry no time stamp
