@@ -29,10 +29,9 @@ def take(data):
 node.create_subscription(Image, sys.argv[1], take, QoSProfile(depth=100), raw=True)
 def listen():
     for line in sys.stdin:
-        print(*seen, flush=True)
+        sys.stdout.write(" ".join(map(str, seen)) + "\\n")
 threading.Thread(target=listen, daemon=True).start()
-while True:
-    rclpy.spin_once(node, timeout_sec=0.1)
+rclpy.spin(node)
 """
 
 

@@ -17,6 +17,12 @@ from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
 _RANGES = ("OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
+_PACKETS = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>64000B</FragmentSize>"
+"""Packets as large as those of Fast DDS, which is nearly the maximum of UDP.
+
+Cyclone divides a message of 1 MiB into 780 fragments of 1,344 bytes. A node on Fast DDS 2.14 or 3.2 that was too slow
+for them read empty samples forever (5 of 5 runs of tests/ros2/test_large.py on a busy machine).
+"""
 _PROCESSES = 32
 """Maximum number of processes on one machine that are found without multicast. rmw_cyclonedds uses the same."""
 
@@ -72,18 +78,19 @@ def network(environment: Mapping[str, str], largest: int) -> Network:
 
 
 def _discovery(reach: str, peers: list[str]) -> str:
-    silent = "<General><AllowMulticast>false</AllowMulticast></General>"
+    general = f"<General>{_PACKETS}</General>"
+    silent = f"<General>{_PACKETS}<AllowMulticast>false</AllowMulticast></General>"
     if reach == "OFF":  # a unique tag: no other process can match it
         tag = f"<Tag>ros_discovery_off_{os.getpid()}</Tag>"
         return f"{silent}<Discovery><ParticipantIndex>none</ParticipantIndex>{tag}</Discovery>"
     if reach in ("", "SYSTEM_DEFAULT"):
-        return ""
+        return general
     addresses = [*(["localhost"] if reach == "LOCALHOST" else []), *peers]
     named = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in addresses)
     most = f"<MaxAutoParticipantIndex>{_PROCESSES}</MaxAutoParticipantIndex>"
     index = f"<ParticipantIndex>auto</ParticipantIndex>{most}"
     discovery = f"<Discovery>{index}{f'<Peers>{named}</Peers>' if named else ''}</Discovery>"
-    return (silent if reach == "LOCALHOST" else "") + discovery
+    return (silent if reach == "LOCALHOST" else general) + discovery
 
 
 def sockets() -> set[int]:
