@@ -34,7 +34,7 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.direct import Transcoder, direct_codec
-from shmgen.bridge.common import choice
+from shmgen.bridge.common import choice, watchdog
 from shmgen.bridge.plan import closure
 from shmgen.config import Config
 from shmgen.config.entries import Bound, Bounds
@@ -608,6 +608,7 @@ def main(name: str) -> None:
         except Exception:
             failed = traceback.format_exc() + "".join(f"told: {line}\n" for line in told)
         print(json.dumps({"check": check.__name__, "failed": failed}), flush=True)
+    watchdog.exit_at_once()  # as the bridge does: a call is still running
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import socket
@@ -102,9 +103,9 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
             sinks.append(backend.publish_log)
             try:
                 if ros_arguments.use_sim_time and not has_ros:
-                    clock = SimulatedClock("/clock", log)
-                    backend.now = clock.now  # type: ignore[method-assign]
-                    backend.subscribe(plan.clock(session), clock)
+                    wire, clock = plan.clock(session), SimulatedClock("/clock", log)
+                    backend.now = lambda: clock.time  # type: ignore[method-assign]
+                    backend.subscribe(replace(wire, name=sides.resolve(wire.name)), clock)
                 sides.start(backend, signals.stop.is_set)
                 report = _reports(session, backend, sides, backend.name or name, log)
                 show("running")
@@ -253,14 +254,11 @@ def _load_settled(load: Callable[[], Config], stop: threading.Event) -> Config:
     while True:
         now: Config | str
         try:
-            now = load()
-            outcome: Config | Exception = now
+            if (now := load()) == before or stop.is_set():
+                return now
         except Exception as error:
-            now, outcome = str(error), error
-        if now == before or stop.is_set():
-            if isinstance(outcome, Exception):
-                raise outcome
-            return outcome
+            if (now := str(error)) == before or stop.is_set():
+                raise
         before = now
         stop.wait(_SETTLE_INTERVAL)
 
@@ -279,14 +277,12 @@ def _notify(state: str) -> None:
 
 
 def _leave(backend: Backend) -> None:
-    """Close the backend. If the ROS library blocks for more than 0.5 s, end the process at most 0.25 s later."""
+    """Close the backend, and wait for that at most 0.5 s. After an error, let Python's exit end the process at once."""
+    if sys.exc_info()[0] is not None:
+        atexit.register(watchdog.exit_at_once, 1)
     thread = threading.Thread(target=backend.close, daemon=True)
     thread.start()
     thread.join(_SHUTDOWN_TIMEOUT)
-    if thread.is_alive():  # a blocked library must not delay the exit of the process
-        last_resort = threading.Timer(_SHUTDOWN_TIMEOUT / 2, os._exit, [int(sys.exc_info()[0] is not None)])
-        last_resort.daemon = True
-        last_resort.start()
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> list[str]:

@@ -194,10 +194,6 @@ class SimulatedClock(Counters):
 
     time = Time(0, 0)
 
-    def now(self) -> Time:
-        """Return the time of the newest /clock message."""
-        return self.time
-
     def take(self, message: Any) -> None:
         """Store the time of a rosgraph_msgs/Clock message."""
         self.time = Time(message.clock.sec, message.clock.nanosec)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -126,10 +125,3 @@ def join_all(threads: Iterable[threading.Thread]) -> bool:
     for thread in waiting:
         thread.join(max(0.0, deadline - time.monotonic()))
     return not any(thread.is_alive() for thread in waiting)
-
-
-def end_at_once() -> None:
-    """End the process with status 0, without destructors. They crash if a thread is still inside a ROS library."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(0)

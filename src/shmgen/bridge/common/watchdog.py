@@ -48,8 +48,8 @@ def signals_handled() -> None:
     signal.alarm(0)
 
 
-def exit_at_once() -> NoReturn:
-    """End the process with status 0, without Python's cleanup. In this cleanup, a ROS library may block for ever."""
+def exit_at_once(status: int = 0) -> NoReturn:
+    """End the process without Python's cleanup. In this cleanup, a ROS library may block for ever, or crash."""
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(0)
+    os._exit(status)

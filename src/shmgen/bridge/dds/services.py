@@ -22,7 +22,7 @@ from typing import Any
 from shmgen.bridge.backend import Answer, NoAnswer, Refuse, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity, type_name
-from shmgen.bridge.common.support import await_answer, await_server
+from shmgen.bridge.common.support import await_answer, await_server, guarded
 from shmgen.bridge.dds.entities import type_hash_of, user_data_entry
 from shmgen.bridge.dds.service_pair import Direction, Pair, ReceivedCall, ServiceTransport
 from shmgen.bridge.dds.types import reply_name, request_name, structure
@@ -124,7 +124,8 @@ class Server(_Half):
                 self._refuse(str(error))
                 raise  # the reading thread logs it at a limited rate
             if self._at_once:
-                threading.Thread(target=self._reply, args=(received, before, request), daemon=True).start()
+                reply = guarded(self._reply, self._name, self._log)
+                threading.Thread(target=reply, args=(received, before, request), daemon=True).start()
             else:
                 self._reply(received, before, request)
 

@@ -6,7 +6,6 @@ only rare events: parameters, the clock, and answers to the bridge's own calls.
 
 from __future__ import annotations
 
-import atexit
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
@@ -48,7 +47,6 @@ from shmgen.bridge.common.support import (
     SHUTDOWN_TIMEOUT,
     await_answer,
     await_server,
-    end_at_once,
     from_bytes,
     guarded,
     join_all,
@@ -274,8 +272,6 @@ class Ros2(Backend):
         self._executor.shutdown(timeout_sec=0)
         if join_all([*(waiter.thread for waiter in self._waiters), self._thread]):  # no thread uses the node
             self._node.destroy_node()
-        else:
-            atexit.register(end_at_once)
         rclpy.try_shutdown()
 
     def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> Callable[[], None]:

@@ -6,7 +6,6 @@ delays no other topic. If a full ring drops a message, the gap in the writer's s
 
 from __future__ import annotations
 
-import atexit
 import itertools
 import os
 import threading
@@ -41,7 +40,6 @@ from shmgen.bridge.common.support import (
     SHUTDOWN_TIMEOUT,
     await_server,
     domain_without_ros,
-    end_at_once,
     from_bytes,
     guarded,
     join_all,
@@ -150,7 +148,7 @@ class Zenoh(Backend):
 
         def take(query: Any) -> None:
             if wire.at_once:
-                threading.Thread(target=reply, args=(query,), daemon=True).start()
+                threading.Thread(target=guarded(reply, wire.name, self._log), args=(query,), daemon=True).start()
             else:
                 reply(query)
 
@@ -201,8 +199,7 @@ class Zenoh(Backend):
     def close(self) -> None:
         """Leave the ROS domain. Pending calls end without an answer."""
         self._session.close()
-        if not join_all(self._threads):
-            atexit.register(end_at_once)
+        join_all(self._threads)
 
     def _until_undone(self, *ends: Callable[[], object]) -> None:
         """Register `ends`, functions that remove an entity. Without these references, zenoh would remove it at once."""
