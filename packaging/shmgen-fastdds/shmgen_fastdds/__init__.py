@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from shmgen.bridge.backend import Node, queue_of
-from shmgen.bridge.common.counters import Counters, describe
+from shmgen.bridge.common.support import guarded
 from shmgen.bridge.dds.network import Network, confine, sockets
 from shmgen.bridge.dds.service_pair import Direction, OnPeerDiscovered, Pair, ReceivedCall
 
@@ -135,7 +135,7 @@ class FastPair(Pair):
     def _run(self, callback: Callable[[ReceivedCall], None], name: str) -> None:
         buffer = ctypes.create_string_buffer(self._largest)
         sender, call = ctypes.create_string_buffer(_GUID), ctypes.create_string_buffer(_CALL)
-        room, faults = ctypes.c_uint32(self._largest), Counters(name, self._log)
+        room, callback = ctypes.c_uint32(self._largest), guarded(callback, name, self._log)
         while (size := self._library.fast_take(self._handle, buffer, room, sender, call)) >= 0:
             if not size:
                 self.peers(True)
@@ -145,10 +145,7 @@ class FastPair(Pair):
                 words = self._user_data_of(sender.raw, True)
             except LookupError:  # the client has left already and awaits no answer
                 continue
-            try:
-                callback(ReceivedCall(ctypes.string_at(buffer, size), words, sender.raw, call.raw))
-            except Exception as error:  # one bad message must not stop the service
-                faults.log_rate_limited(describe(error))
+            callback(ReceivedCall(ctypes.string_at(buffer, size), words, sender.raw, call.raw))
 
 
 def _resolved(names: Iterable[str], log: Callable[[str], None]) -> list[str]:

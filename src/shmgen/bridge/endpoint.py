@@ -123,6 +123,8 @@ class Side(ABC):
     def __init__(self, about: About, counters: Counters, stopping: threading.Event) -> None:
         self.about = about
         self.counters = counters
+        self.qos_problem: Callable[[], str] = lambda: ""
+        """Returns the reason why a ROS peer has incompatible QoS, or `""`. start() sets it for topics."""
         self._stopping = stopping
 
     @abstractmethod

@@ -9,7 +9,7 @@ from typing import Any
 from shmgen.bridge import backend
 from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
 from shmgen.bridge.codec.direct import direct_codec
-from shmgen.config.entries import ActionEntry, ServiceEntry, TopicEntry
+from shmgen.config.entries import TopicEntry
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Action, Clock, Layouts, Ref, Schema, Service, TypeName, element_of
 from shmgen.core.model import Message as Definition
@@ -18,8 +18,6 @@ from shmgen.live.session import Session
 from shmgen.runtime import Message, ValueRejected, region_name
 from shmgen.runtime.region.names import region_file
 
-CLOCK = "rosgraph_msgs/Clock"
-DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 _HEADER = "std_msgs/Header"
 _ACTION_PARTS = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
 
@@ -141,7 +139,7 @@ def _resolve(
 
     The classes are empty if there is no entry. `options` are for the classes. Raises Rejected if an entry has errors.
     """
-    types, report = _types(session), Report()
+    types, report = session.config.types_used, Report()
     layouts = session.layouts(types)
     entries = list(find(session.config, layouts, report))
     report.stop_if_any()
@@ -155,19 +153,17 @@ def renamed(route: Route | CallRoute, resolve: Callable[[str], str]) -> Any:
 
 def clock(session: Session) -> Wire:
     """Return the ROS side of the topic /clock. Raises Rejected if no definition of rosgraph_msgs/Clock is found."""
-    messages = closure(session.schema([CLOCK]), TypeName("rosgraph_msgs", "msg", "Clock"))
-    return Wire("/clock", messages, qos="best_effort")
+    return Wire("/clock", session.schema(["rosgraph_msgs/Clock"]).messages, qos="best_effort")
 
 
 def diagnostics(session: Session) -> Wire:
     """Return the ROS side of the topic /diagnostics. Raises Rejected if DiagnosticArray has no definition."""
-    schema = session.schema([DIAGNOSTICS])
-    return Wire("/diagnostics", closure(schema, TypeName("diagnostic_msgs", "msg", "DiagnosticArray")))
+    return Wire("/diagnostics", session.schema(["diagnostic_msgs/DiagnosticArray"]).messages)
 
 
 def largest(session: Session) -> int:
     """Return the largest size limit in bytes of all serialized messages. Raises Rejected if a type has errors."""
-    layouts = session.layouts(_types(session)).values()
+    layouts = session.layouts(session.config.types_used).values()
     return backend.largest(max((layout.size for layout in layouts), default=0))
 
 
@@ -191,13 +187,6 @@ def check(route: Route, message: Any) -> None:
             f"{route.topic.topic}: {route.wire.type.short} of this ROS differs from shmgen's definition: {error}\n"
             '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
         ) from None
-
-
-def _types(session: Session) -> tuple[str, ...]:
-    """Return the types of all topics, services and actions, so that one schema covers all of them."""
-    config = session.config
-    entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*config.topics, *config.services, *config.actions)
-    return tuple(entry.type for entry in entries)
 
 
 def _stamp(message: Definition) -> tuple[str, ...]:

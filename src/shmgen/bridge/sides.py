@@ -40,10 +40,6 @@ class _Carried:
     stopping: threading.Event
     undo: list[Callable[[], object]] | None = None
 
-    @property
-    def name(self) -> tuple[type, str]:
-        return _name(self.route)
-
     def end(self, closes: bool = True) -> None:
         """Stop the topic, service or action and remove it from ROS. If `closes` is True, also close its regions."""
         while not self.side.stop():
@@ -105,7 +101,7 @@ class Sides:
         """
         routes = {route.key: route for route in self._routes(session)}
         before = dict(self._carried)
-        ended = {one.name: one for key, one in before.items() if key not in routes}
+        ended = {_name(one.route): one for key, one in before.items() if key not in routes}
         added = [route for key, route in routes.items() if key not in before]
         new, changed = ([route for route in added if (_name(route) in ended) is known] for known in (False, True))
         replaced = [ended.pop(_name(route)) for route in changed]
@@ -128,9 +124,8 @@ class Sides:
     def check_qos(self) -> None:
         """Compare the QoS of each topic with the QoS of its peers, and report incompatible peers."""
         for side in self:
-            if isinstance(side, FromPlc | ToPlc):
-                with suppress(Exception):  # any exception of a ROS library: the next check retries
-                    side.check_qos()
+            with suppress(Exception):  # any exception of a ROS library: the next check retries
+                side.counters.report_qos(side.qos_problem())
 
     def stop(self) -> None:
         """Stop all topics, services and actions while ROS is still connected."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Backend, RosPublisher, RosSubscription
+from shmgen.bridge.backend import Backend, RosPublisher
 from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.common.counters import Counters, describe
 from shmgen.bridge.common.send_window import SendWindow
@@ -39,7 +39,6 @@ class ToPlc(Side):
         self._lock = threading.Lock()
         """Held while `_waiting`, the message that waits for the rate limiter, is replaced."""
         self._has_message = threading.Event()
-        self._subscription: RosSubscription | None = None
         topic = route.topic
         self.end = end or RegionEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), counters)
         self.end.silence = self._silence
@@ -47,8 +46,9 @@ class ToPlc(Side):
     def start(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        self._subscription = backend.subscribe(self.route.wire, self)
-        plan.check(self.route, self._subscription.new())
+        subscription = backend.subscribe(self.route.wire, self)
+        self.qos_problem = subscription.qos_problem
+        plan.check(self.route, subscription.new())
 
     def take(self, message: Any) -> None:
         """Publish the message in the region, or store it for the rate limiter. Thread-safe."""
@@ -72,11 +72,6 @@ class ToPlc(Side):
                 region.heartbeat()
             except ShmError as error:
                 self.end.report(error)
-
-    def check_qos(self) -> None:
-        """Adopt the QoS of the ROS publishers, or report a publisher with incompatible QoS."""
-        if self._subscription:
-            self.counters.report_qos(self._subscription.qos_problem())
 
     def _silence(self) -> str:
         limit = self.route.topic.carried.stale
@@ -166,7 +161,7 @@ class FromPlc(Side):
         waits = wire.is_large and wire.qos != "best_effort" and not wire.latch
         if waits and outlet.acknowledged:
             self._window = SendWindow(outlet.acknowledged, wire.queue, self._stopping.is_set)
-        self._outlet, self._message = outlet, outlet.new()
+        self._outlet, self._message, self.qos_problem = outlet, outlet.new(), outlet.qos_problem
         plan.check(self.route, self._message)
         self._listener.add(self)
 
@@ -180,11 +175,8 @@ class FromPlc(Side):
                 self._stale = reader.is_stale(limit)
 
     def _silence(self) -> str:
-        return (
-            f"the PLC's heartbeat has not changed for {self.route.topic.carried.stale:g} s or more"
-            if self._stale
-            else ""
-        )
+        limit = self.route.topic.carried.stale
+        return f"the PLC's heartbeat has not changed for {limit:g} s or more" if self._stale else ""
 
     def stop(self) -> bool:
         """Stop sending to ROS. Return False if a ROS call is still running."""
@@ -193,11 +185,6 @@ class FromPlc(Side):
             return False
         self._sending.release()
         return True
-
-    def check_qos(self) -> None:
-        """Report a ROS subscriber with incompatible QoS."""
-        if self._outlet:
-            self.counters.report_qos(self._outlet.qos_problem())
 
     @property
     def subscriber(self) -> Subscriber[Message] | None:

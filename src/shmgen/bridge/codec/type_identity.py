@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from shmgen.core.model import TypeName
 
@@ -18,45 +19,35 @@ def type_name(name: TypeName) -> str:
     return f"{name.package}::{name.kind}::dds_::{name.name}_"
 
 
+@dataclass(slots=True, eq=False)
 class Identity:
-    """Compares the type hashes of peers with the bridge's, for one topic or one direction of a service. Thread-safe."""
+    """Compares the type hashes of peers with the bridge's, for one topic or one direction of a service. Thread-safe.
 
-    def __init__(
-        self,
-        where: str,
-        type_: TypeName,
-        ours: str,
-        log: Callable[[str], None],
-        accepts_other: bool = False,
-        *,
-        then: str = "",
-    ) -> None:
-        """Prepare the comparison with `ours`, the type hash of the bridge. `where` begins each log line.
+    `ours` is the type hash of the bridge. `where` begins each log line. If `accepts_other` is True, a peer with another
+    type hash is accepted and logged. If not, the log line ends with `then`, the consequence for the user.
+    """
 
-        If `accepts_other` is True, a peer with another type hash is accepted and logged. If not, the log line ends with
-        `then`, the consequence for the user, or by default with the text that no messages pass.
-        """
-        self.accepts_other = accepts_other
-        self._then = then or "no messages pass between it and the bridge"
-        self._where = where
-        self._type = type_
-        self._ours = ours
-        self._log = log
-        self._logged_keys: set[str] = set()
-        self._lock = threading.Lock()
+    where: str
+    type: TypeName
+    ours: str
+    log: Callable[[str], None]
+    accepts_other: bool = False
+    then: str = "no messages pass between it and the bridge"
+    _logged_keys: set[str] = field(default_factory=set, init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def refusal(self, announced: str) -> str:
         """Return why the type hash `announced` is incompatible, or `""`. A peer without a type hash is compatible."""
-        if announced == self._ours:
+        if announced == self.ours:
             return ""
         if not announced.startswith("RIHS01_") or announced == _NONE:
-            self._once("", f"a peer announces no type hash; its {self._type.short} is assumed to be the same")
+            self._once("", f"a peer announces no type hash; its {self.type.short} is assumed to be the same")
             return ""
-        why = f"a peer has another {self._type.short}: its type hash is {announced}, ours {self._ours}"
+        why = f"a peer has another {self.type.short}: its type hash is {announced}, ours {self.ours}"
         if self.accepts_other:
             self._once(announced, f'{why}; it is assumed to be the same, because of other_definition = "accept"')
             return ""
-        self._once(announced, f"{why}; {self._then}")
+        self._once(announced, f"{why}; {self.then}")
         return why
 
     def _once(self, key: str, text: str) -> None:
@@ -64,4 +55,4 @@ class Identity:
             known = key in self._logged_keys
             self._logged_keys.add(key)
         if not known:
-            self._log(f"{self._where}: {text}")
+            self.log(f"{self.where}: {text}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -107,30 +106,19 @@ class Graph(Backend):
         name = topic_name(wire.name)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._ends.log, wire.accepts_other)
         deliver = from_bytes(wire, cdr.decode, WireFormat.CDR, sink)
-        turn = threading.Lock()
-
-        def reject(why: str) -> None:
-            with turn:
-                sink.reject(why)
 
         def fail(why: str) -> None:
-            with turn:
-                sink.refuse(peer) if (peer := subscription.end[1].incompatible_peer) else sink.reject(why)
-
-        def lose(count: int) -> None:
-            with turn:
-                sink.lose(count)
+            sink.refuse(peer) if (peer := subscription.end[1].incompatible_peer) else sink.reject(why)
 
         def create(policies: qos.Qos) -> tuple[tuple[Any, Peers], qos.Qos, Callable[[], None]]:
             peers = Peers(identity, sink.set_incompatible_peer)
             matched = partial(update_peer, peers)
 
             def take(sample: Any) -> None:
-                with turn:
-                    if why := refusal(peers, reader, sample):
-                        sink.refuse(why)
-                    else:
-                        deliver(sample.cdr)
+                if why := refusal(peers, reader, sample):
+                    sink.refuse(why)
+                else:
+                    deliver(sample.cdr)
 
             def undo() -> None:
                 unheard()
@@ -139,11 +127,11 @@ class Graph(Backend):
             reader = self._ends.reader(name, structure(wire.messages), _quality(policies, wire, cdr), matched)
             for handle in matches(reader):  # peers that matched before the reader was returned
                 matched(reader, handle)
-            unheard = self._ends.topics.add(Subscription(reader, take, name, wire.queue, lose))
+            unheard = self._ends.topics.add(Subscription(reader, take, name, wire.queue, sink.lose))
             return (reader, peers), policies, undo
 
         subscription = qos.AdoptingSubscription(wire, create, lambda: self._ends.peers_qos(name, publishes=True))
-        self._dropped.calls[name] = reject, fail
+        self._dropped.calls[name] = sink.reject, fail
         self.undo += [lambda: self._dropped.calls.pop(name, None), subscription.undo]
         return RosSubscription(cdr.new, lambda: bool(matches(subscription.end[0])), subscription.qos_problem)
 

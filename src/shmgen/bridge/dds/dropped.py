@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from shmgen.bridge.common.counters import describe
+from shmgen.bridge.common.support import guarded
 
 _LARGE = re.compile(r"dropping oversize \((\d+) > (\d+)\) sample \d+ from remote writer [\da-f:]+ (\S+)/[^/\s]+$")
 _OTHER = re.compile(r"data\(application, .* #\d+: deserialization (\S+)/[^/\s]+ failed \((.*)\)$")
@@ -65,12 +65,10 @@ class Dropped:
             stderr.value = before
 
     def _run(self, source: int) -> None:
+        take = guarded(self._take, "dds", self._log)  # if a callback fails, the other topics still need this thread
         with open(source, encoding="utf-8", errors="replace") as lines:
             for line in map(str.rstrip, lines):
-                try:
-                    self._take(line)
-                except Exception as error:  # a callback failed; the other topics still need this thread
-                    self._log(f"dds: {describe(error)}")
+                take(line)
 
     def _take(self, line: str) -> None:
         if not line:

@@ -97,12 +97,8 @@ class Ends:
         """Create a reader for samples of the structure `kind`, with the received bytes as `cdr`. See writer()."""
         has_service = Policy.DurabilityService in quality
         without_service = quality - Qos(quality[Policy.DurabilityService]) if has_service else quality
-        return DataReader(
-            self.participant,
-            self._topic(topic, kind),
-            without_service,
-            self._watch(topic, "requests", matched),
-        )
+        listener = self._watch(topic, "requests", matched)
+        return DataReader(self.participant, self._topic(topic, kind), without_service, listener)
 
     def _topic(self, name: str, kind: type[Any]) -> Topic:
         """Return the DDS topic `name`, created once. If it were created again, Cyclone would read freed memory."""

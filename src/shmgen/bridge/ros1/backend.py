@@ -143,12 +143,7 @@ def _checked(wire: Wire, kind: Any) -> Wire:
 
 def _remove_zero_sleeps() -> None:
     """Remove rospy's sleeps of zero seconds after each message. Each sleep takes 60 us and delays all topics."""
-    tcpros_pubsub.time = SimpleNamespace(sleep=_sleep)
-
-
-def _sleep(seconds: float) -> None:
-    if seconds:
-        time.sleep(seconds)
+    tcpros_pubsub.time = SimpleNamespace(sleep=lambda seconds: time.sleep(seconds) if seconds else None)
 
 
 def _within(seconds: float, call: Callable[[], Any]) -> Any:

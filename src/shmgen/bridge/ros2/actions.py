@@ -214,9 +214,7 @@ class _Client:
 
 def _info(goal: _Served) -> Any:
     """Return the action_msgs/GoalInfo of a goal."""
-    return SimpleNamespace(
-        goal_id=SimpleNamespace(uuid=goal.key), stamp=SimpleNamespace(sec=goal.stamp.sec, nanosec=goal.stamp.nanosec)
-    )
+    return SimpleNamespace(goal_id=SimpleNamespace(uuid=goal.key), stamp=goal.stamp)
 
 
 class ActionInterface:
