@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import stat
+import struct
 import subprocess
 import sys
 import threading
@@ -30,6 +31,8 @@ from shmgen.config import Config  # noqa: E402
 from shmgen.config.entries import Bounds  # noqa: E402
 from shmgen.live.classes import ClassRegistry, publisher, subscriber  # noqa: E402
 from shmgen.live.session import Session  # noqa: E402
+from shmgen.runtime import region_name  # noqa: E402
+from shmgen.runtime.region.names import region_file  # noqa: E402
 from shmgen.tools.messages import parse  # noqa: E402
 from shmgen.tools.watch import overview  # noqa: E402
 from shmgen.view.app import Viewer  # noqa: E402
@@ -250,6 +253,30 @@ def test_messages_in_arrays_open_too_and_a_float32_has_its_own_digits(topic, joi
     with publisher(kind, topic, 1) as writer:
         cells = [cell(), cell(v=[0.5, 0.6, 0.7], name="b")]
         writer.publish(kind(x=0.01, fixed=[0.1, 3.4028234e38], many=[0.1], cells=cells))
+        asyncio.run(walk())
+
+
+def test_a_damaged_count_is_shown_and_ends_nothing(topic, joints):
+    kind, cell = joints.message("f_msgs/msg/F"), joints.message("f_msgs/msg/Cell")
+
+    async def walk():
+        app = Viewer(joints, allow_write=True, topic=topic)
+        async with app.run_test(size=(120, 60)) as pilot:
+            for path in ("cells", "cells[0]"):
+                await until(pilot, lambda path=path: app.screen.query(Tree) and path in nodes(app.screen))
+                nodes(app.screen)[path].expand()
+            line = lambda: str(nodes(app.screen)["cells[0].v"].label)  # noqa: E731
+            await until(pilot, lambda: line().startswith("v: damaged: ") and "4,294,967,295" in line())
+            assert "x: 0.0\n" in app.screen.query_one(TextArea).text
+
+    with publisher(kind, topic, 1) as writer:
+        writer.publish(kind(x=0.01, cells=[cell(v=[0.5, 0.6, 0.7])]))
+        file = Path(region_file(region_name(topic)))
+        data, sample = file.read_bytes(), struct.pack("<I3f", 3, 0.5, 0.6, 0.7)
+        assert data.count(sample) == 1
+        with file.open("r+b") as region:
+            region.seek(data.index(sample))
+            region.write(b"\xff" * 4)
         asyncio.run(walk())
 
 

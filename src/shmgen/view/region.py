@@ -111,7 +111,8 @@ class Fields(Tree[Item]):
 
     def _add(self, node: TreeNode[Item], name: str, path: str, value: Any, *, expand: bool = False) -> None:
         if isinstance(value, Message):
-            self._grow(node.add(plain(name), data=Item(path), expand=expand), value, path)
+            # A new message has the same fields, and no count that can be damaged.
+            self._grow(node.add(plain(name), data=Item(path), expand=expand), type(value)(), path)
         elif is_array(value):
             self._arrays[path] = node.add(plain(name), data=Item(path))
         else:
@@ -275,7 +276,11 @@ class RegionScreen(Screen[None]):
         self.app.call_from_thread(self.query_one("#result", Static).update, lines(result))
 
     def _draft(self) -> str:
-        return format.yaml(self._source.message or self._source.kind(), None) if self._source.kind._names_ else "{}"
+        kind = self._source.kind
+        try:
+            return format.yaml(self._source.message or kind(), None) if kind._names_ else "{}"
+        except CountExceeded:
+            return format.yaml(kind(), None)
 
     def _look(self) -> None:
         if self._paused:

@@ -131,7 +131,7 @@ def _list(data: Any, path: str) -> list[Any]:
 
 def _fields(data: Any, known: tuple[str, ...] | list[str], path: str, owner: str) -> dict[str, Any]:
     if not isinstance(data, dict):
-        hint = f"write `{{{known[0]}: ...}}`, with a blank after the colon" if known else "write `{{}}`"
+        hint = f"write `{{{known[0]}: ...}}`, with a blank after the colon" if known else "write `{}`"
         fields = ", ".join(known)
         raise OutOfRange(path, f"{data!r:.40} is {type(data).__name__}, not the fields of {owner}: {fields}; {hint}")
     for name in data:
