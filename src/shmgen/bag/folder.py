@@ -48,7 +48,6 @@ class Bag:
         self._most, self._longest = most, longest
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[tuple[str, str], int] = {}
-        self._counts: dict[int, int] = {}
         self._files: list[mcap.File] = []
         self._open: mcap.File | None = None
         self._begun = 0.0
@@ -79,8 +78,6 @@ class Bag:
         self._open.put(chunk, [record for number in chunk.index for record in self._records(self._channels[number])])
         self.size += self._open.size - before
         self.samples += chunk.messages
-        for number, index in chunk.index.items():
-            self._counts[number] = self._counts.get(number, 0) + len(index) // 16
 
     def end_file(self, notes: Mapping[str, str] | None = None) -> None:
         """Complete the current file with its index. Store `notes`, if given, in the file's metadata record `shmgen`.

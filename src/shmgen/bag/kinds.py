@@ -22,6 +22,7 @@ from shmgen.core.model import (
     Schema,
     Sequence,
     TypeName,
+    element_of,
     ros_type,
 )
 from shmgen.core.model import Message as Definition
@@ -152,6 +153,6 @@ def _times(definitions: Iterable[Definition]) -> dict[str, str]:
         inner
         for definition in definitions
         for field in definition.fields
-        if isinstance(inner := getattr(field.type, "element", field.type), Clock)
+        if isinstance(inner := element_of(field.type), Clock)
     }
     return {TIMES[clock].short: "int32 sec\nuint32 nanosec\n" for clock in Clock if clock in used}

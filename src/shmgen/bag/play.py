@@ -15,8 +15,8 @@ from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.live.classes import ClassRegistry, publisher
 from shmgen.live.regions import View, depth_of
-from shmgen.runtime import Publisher, ShmError, region_name
-from shmgen.runtime.errors import LayoutMismatch, RegionMissing, ValueRejected
+from shmgen.runtime import Publisher, region_name
+from shmgen.runtime.errors import LayoutMismatch, RegionMissing
 from shmgen.runtime.messages.message import Message as Sample
 from shmgen.runtime.region.names import HALVES
 
@@ -115,11 +115,7 @@ class Player:
     def _publish(self, outlet: _Outlet, message: Message) -> None:
         try:
             outlet.writer.publish(outlet.kind.codec.decode(message.data))
-        except ShmError as error:
-            if not isinstance(error, ValueRejected):
-                raise
-            self._refuse(outlet, str(error))
-        except (ValueError, struct.error) as error:
+        except (ValueError, struct.error) as error:  # ValueRejected is a ValueError; other errors of the runtime pass
             self._refuse(outlet, str(error))
         else:
             outlet.played += 1

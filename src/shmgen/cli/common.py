@@ -86,7 +86,7 @@ def fields(context: click.Context, parameter: click.Parameter, incomplete: str, 
     from shmgen.tools.messages.paths import leaves
 
     words = os.environ.get("COMP_WORDS", "").split()  # click's own words are empty after an option
-    named = context.params.get("topic") or next((word for word in words if word in topics(context, parameter, "")), "")
+    named = context.params.get("topic") or next(filter(topics(context, parameter, "").__contains__, words), "")
     try:
         with View(region_name(named)) as view:
             header = view.header()

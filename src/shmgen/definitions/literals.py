@@ -21,6 +21,7 @@ from shmgen.core.model import (
     String,
     Value,
     assert_never,
+    text_length,
 )
 from shmgen.core.plural import counted
 from shmgen.definitions.tokens import Dialect, Token, quote
@@ -162,7 +163,7 @@ def _string(written: Token, type: String) -> str:
     text = written.text
     if text[:1] in ("'", '"'):
         text = _ESCAPE.sub(lambda escape: _ESCAPED.get(escape[1], escape[0]), text[1:-1])
-    size = len(text.encode("utf-16-le")) // 2 if type.wide else len(text.encode())
+    size = text_length(text, type, "utf-8")
     if type.capacity is not None and size > type.capacity:
         raise written.error("SHM005", f"{counted(size, 'character')}, but the bound is {type.capacity}")
     return text

@@ -13,8 +13,6 @@ from shmgen.core.diagnostics import Diagnostic, Span
 from shmgen.drift.findings import Change, Finding, Severity
 from shmgen.drift.lockfile import LISTS, Block, Entry, Lock, short
 
-SIZE = "size"
-
 
 def compare(old: Lock, new: Lock, place: str) -> list[Finding]:
     """Return a finding for each difference between two layout.lock files. `place` is their path for diagnostics.
@@ -47,7 +45,8 @@ def _message(name: str, old: Lock, new: Lock, place: str) -> Finding | None:
         return _finding("SHM401" if was_requested else "SHM402", severity, f"{short_name} was removed", place, (), "")
     if before.digest != after.digest:
         changes = (*_fields(before, after, old, new), *_meanings(before, after), *_values(before, after))
-        changes += _number(SIZE, before.size, after.size)
+        if before.size != after.size:
+            changes += (Change("size", ("size",), f"{before.size} -> {after.size}"),)
         hint = f"old and new programs refuse each other (digest {before.digest[:4]}… / {after.digest[:4]}…)"
         message = f"layout of {short_name} changed"
         finding = _finding("SHM401", Severity.BREAKING, message, place, changes, after.origin, hint)
@@ -256,10 +255,6 @@ def _finding(
     width = max((len(change.field) for change in changes), default=0)
     details = tuple(f"{change.field:<{width}}   {change.text}" for change in changes)
     return Finding(severity, Diagnostic(code, message, Span(place), hint=hint, details=details), changes, origin)
-
-
-def _number(name: str, before: int, after: int) -> tuple[Change, ...]:
-    return () if before == after else (Change(name, (name,), f"{before} -> {after}"),)
 
 
 def _nested(type_: str, old: Lock, new: Lock) -> tuple[Block, Block] | None:

@@ -204,15 +204,17 @@ def _exists(topic: str) -> bool:
     return os.path.lexists(region_file(name)) or os.path.lexists(semaphore_file(name))
 
 
+def is_name(name: str) -> bool:
+    """Return True if a topic can have a region of this name. Other programs also create files in /dev/shm."""
+    with suppress(ValueError):
+        return region_name(topic_of(name)) == name
+    return False
+
+
 def _files() -> list[str]:
     """List the files in /dev/shm whose names are possible names of regions."""
     try:
         listed = sorted(os.listdir(FOLDER))
     except OSError:
         return []
-    names = []
-    for name in listed:
-        with suppress(ValueError):
-            if region_name(topic_of(name)) == name:
-                names.append(name)
-    return names
+    return [name for name in listed if is_name(name)]

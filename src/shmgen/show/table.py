@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 
 from shmgen.core.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
 from shmgen.core.plural import counted
-from shmgen.core.type_hash import hash_of
+from shmgen.core.type_hash import hash_of, hashes
 from shmgen.generator.layout import region_size
 from shmgen.targets.st.names import iec_type
 
@@ -76,6 +76,7 @@ def table(layout: Layout, layouts: Layouts) -> str:
 
 def as_json(layouts_shown: Iterable[Layout], layouts: Layouts) -> str:
     """Return the layouts of one or more messages as a JSON list; offsets and sizes are in bytes."""
+    type_hashes = hashes(layouts, _known(layouts))
     data = [
         {
             "type": str(layout.name),
@@ -83,7 +84,7 @@ def as_json(layouts_shown: Iterable[Layout], layouts: Layouts) -> str:
             "size": layout.size,
             "align": layout.align,
             "digest": f"{layout.digest:016x}",
-            "type_hash": hash_of(layout.name, _known(layouts)),
+            "type_hash": type_hashes[layout.name],
             "region_size": region_size(layout.size),
             "slots": [asdict(row) for row in rows(layout, layouts)],
         }

@@ -6,7 +6,9 @@ import os
 import stat
 from collections.abc import Iterator
 
+from shmgen.core import abi
 from shmgen.core.plural import counted
+from shmgen.drift.lockfile import short
 from shmgen.live.processes import alive, called
 from shmgen.live.regions import damage
 from shmgen.runtime.engine import IN_C
@@ -37,8 +39,7 @@ def _header(region: Evidence) -> Iterator[Problem]:
 
 def _layout(region: Evidence) -> Iterator[Problem]:
     header, file, expected, layout = region.after, region_file(region.name), region.expected, region.layout
-    package, _, bare = header.type_name.partition("/")
-    if expected.type and expected.type not in (header.type_name, f"{package}/{bare.rpartition('/')[2]}"):
+    if expected.type and expected.type not in (header.type_name, short(header.type_name)):
         message = f"the region has type {header.type_name}, but shmgen.toml has {expected.type}"
         yield Problem(region.topic, message, _ADVICE_CLEAN.format(topic=region.topic), file)
     elif layout and (layout.digest, layout.size) != (header.digest, header.payload_size):
@@ -48,7 +49,7 @@ def _layout(region: Evidence) -> Iterator[Problem]:
         )
         hint = "`shmgen generate`, rebuild both sides; " + _ADVICE_CLEAN.format(topic=region.topic)
         yield Problem(region.topic, message, hint, file)
-    elif expected.depth and (slots := 1 << expected.depth.bit_length()) != header.slots:
+    elif expected.depth and (slots := abi.slots_for(expected.depth)) != header.slots:
         message = f"the region has {header.slots} slots, but depth = {expected.depth} in shmgen.toml needs {slots}"
         hint = "configure the same depth on both sides; " + _ADVICE_CLEAN.format(topic=region.topic)
         yield Problem(region.topic, message, hint, file)

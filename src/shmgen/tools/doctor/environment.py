@@ -8,8 +8,8 @@ from contextlib import suppress
 
 from shmgen.core.plural import counted
 from shmgen.live.processes import Processes, called
-from shmgen.live.regions import closed, topic_of
-from shmgen.runtime.region.names import region_file, region_name
+from shmgen.live.regions import closed, is_name, topic_of
+from shmgen.runtime.region.names import region_file
 from shmgen.tools.doctor import orphan_semaphores
 from shmgen.tools.doctor.permissions import advice_to_join
 from shmgen.tools.doctor.problem import Problem
@@ -30,7 +30,7 @@ def of_strays(processes: Processes, names: Collection[str], requested: Collectio
     pairs = {(mapping.pid, mapping.device, mapping.name) for mapping in processes.mappings}
     for mapping in processes.mappings:
         region = mapping.name.removeprefix("sem.")
-        if not _is_name(region):
+        if not is_name(region):
             continue
         topic, who = topic_of(region), f"process {mapping.pid} ({called(mapping.pid)})"
         file = f"/dev/shm/{mapping.name}"
@@ -58,16 +58,6 @@ def of_strays(processes: Processes, names: Collection[str], requested: Collectio
 def _holders(processes: Processes, device: int, name: str) -> set[int]:
     """Return the pids of the processes that map a region in the /dev/shm with this device number."""
     return {mapping.pid for mapping in processes.mappings if (mapping.device, mapping.name) == (device, name)}
-
-
-def _is_name(region: str) -> bool:
-    """Return True if a topic can have a region of this name.
-
-    Other programs also create files in /dev/shm, and their names need not belong to a topic.
-    """
-    with suppress(ValueError):
-        return region_name(topic_of(region)) == region
-    return False
 
 
 def of_machine(processes: Processes) -> Iterator[Problem]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from shmgen.core.escape import legible
 from shmgen.runtime import Message
-from shmgen.tools.messages.format import as_line, elements, field, ros_name, spelled, tree_of
+from shmgen.tools.messages.format import as_json, elements, field, ros_name
 
 
 def titles(value: Any, within: str = "") -> list[str]:
@@ -60,5 +60,5 @@ def _text(value: Any) -> str:
     if isinstance(value, str):
         return legible(value)
     if isinstance(value, (ctypes.Array, list)):
-        return as_line(spelled(tree_of(value, None)))
+        return as_json(value)
     return repr(value).lower() if isinstance(value, bool) else repr(value)

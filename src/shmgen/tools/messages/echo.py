@@ -56,6 +56,6 @@ class Printer:
         if self._form == "csv":
             return csv.line(csv.row(value))
         if self._form == "json":
-            return format.as_line(format.spelled(format.tree_of(value, None)))
-        text = format.value_as_yaml(value, self._most)
+            return format.as_json(value)
+        text = format.yaml(value, self._most)
         return f"{text}---"

@@ -18,25 +18,22 @@ SHORT = 32
 """Default number of array elements to print."""
 
 
-def yaml(message: Message, most: int | None = SHORT) -> str:
-    """Return a message as YAML 1.2. Cut arrays after `most` elements and append the full length.
+def as_json(value: Any) -> str:
+    """Return a message, or a value inside a message, as one line of JSON.
+
+    NaN and infinity become "NaN", "Infinity" and "-Infinity".
 
     Raises CountExceeded if the count of a sequence is damaged.
     """
-    tree = tree_of(message, most)
-    return "".join(f"{line}\n" for line in _lines(tree)) if tree else "{}\n"
+    return as_line(spelled(tree_of(value, None)))
 
 
-def as_json(message: Message, most: int | None = None) -> str:
-    """Return a message as one line of JSON. NaN and infinity become "NaN", "Infinity" and "-Infinity".
+def yaml(value: Any, most: int | None = SHORT) -> str:
+    """Return a message, or a value inside a message, as YAML 1.2.
 
-    Raises CountExceeded if the count of a sequence is damaged.
+    Cut arrays after `most` elements and append the full length. Raises CountExceeded if the count of a sequence is
+    damaged.
     """
-    return as_line(spelled(tree_of(message, most)))
-
-
-def value_as_yaml(value: Any, most: int | None = SHORT) -> str:
-    """Return a value inside a message as YAML. Cut arrays after `most` elements and append the full length."""
     tree = tree_of(value, most)
     if isinstance(tree, dict):
         return "".join(f"{line}\n" for line in _lines(tree)) or "{}\n"

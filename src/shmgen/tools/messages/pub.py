@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import suppress
 from typing import Any
 
+from shmgen.drift.lockfile import short
 from shmgen.live.classes import ClassRegistry, publisher
 from shmgen.live.regions import View, depth_of
 from shmgen.runtime import Message, region_name
@@ -50,9 +51,7 @@ def _expected(topic: str, request: str, registry: ClassRegistry) -> tuple[int | 
     """
     with suppress(RegionMissing), View(region_name(topic)) as view:
         header = view.header()
-        package, _, bare = header.type_name.partition("/")
-        same = request in (header.type_name, f"{package}/{bare.rpartition('/')[2]}")
-        if same:
+        if request in (header.type_name, short(header.type_name)):
             return header.digest, depth_of(header)
     return None, registry.depth_of(topic)
 

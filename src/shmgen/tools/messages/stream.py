@@ -10,7 +10,7 @@ from shmgen.core.plural import counted
 from shmgen.live.classes import ClassRegistry, watcher
 from shmgen.live.regions import View, missing, sound
 from shmgen.runtime import Message, Sample, Subscriber, region_name
-from shmgen.runtime.errors import RegionMissing, RegionUnusable
+from shmgen.runtime.errors import RegionMissing
 from shmgen.runtime.region import header as h
 
 POLL = 1e-3
@@ -75,7 +75,7 @@ def looks(
 def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
     """Wait for the topic's region to exist with a header, and return the region.
 
-    Raises TimeoutError, PermissionDenied, and RegionUnusable if the file is damaged or not a region.
+    Raises TimeoutError, PermissionDenied, and RegionUnusable if the file is not a region.
     """
     name = region_name(topic)
     begun = time.monotonic()
@@ -87,11 +87,6 @@ def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
             pass
         else:
             if view.header().magic == h.MAGIC:
-                try:
-                    sound(view)
-                except RegionUnusable:
-                    view.close()
-                    raise
                 return view
             view.close()
         if not is_waiting_shown:
