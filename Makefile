@@ -182,7 +182,7 @@ clean:
 	rm -rf $(VENV) dist site .fuzz .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 # The headers are those that the extension in C is made of.
-$(VENV)/ready: pyproject.toml $(wildcard src/shmgen/runtime/extension/*.[ch]) $(wildcard templates/c/shmgen_*.h)
+$(VENV)/ready: pyproject.toml $(wildcard src/shmgen/runtime/extension/*.[ch]) src/shmgen/bridge/common/alarm.c $(wildcard templates/c/shmgen_*.h)
 	@$(call debian,$(PYTHON) -c 'import ensurepip',$(SETUP_PACKAGES),exit 1)
 	@test -x $(BIN)/python || { echo 'making $(VENV)'; $(PYTHON) -m venv $(VENV); }
 	@{ $(call debian,$(HAS_HEADERS) && command -v gcc,$(FAST_PACKAGES),echo 'without them publish and read are Python: slower' >&2); } \

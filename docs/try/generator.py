@@ -134,11 +134,11 @@ def unzipped(name: str, content: bytes) -> dict[str, str]:
     """
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         paths = [PurePosixPath(path) for path in archive.namelist()]
-        roots = {_package_of(path) for path in paths if _package_of(path) is not None}
+        roots = {root for path in paths if (root := _package_of(path))}
         found = {}
         for path in paths:
-            root = next((root for root in roots if path.is_relative_to(root or ".")), None)
-            if root is not None and (path == root / "package.xml" or _package_of(path) == root):
+            root = path.parent if path.name == "package.xml" else _package_of(path)
+            if root in roots:
                 package = root.name or Path(name).stem
                 text = archive.read(str(path)).decode("utf-8")
                 found[str(package / path.relative_to(root))] = text
