@@ -34,6 +34,11 @@ class Converted(NamedTuple):
     """The offset and size of each member. The members of base structures come first."""
 
 
+def packed(size: int, alignment: int) -> dict[int, tuple[int, int]]:
+    """Map each pack_mode to the size and alignment of a type with fixed bytes inside a structure packed that way."""
+    return {pack: (size, min(alignment, pack)) for pack in PACKS}
+
+
 class _Sum:
     """Computes the offsets, the size and the alignment of a structure, from the sizes of its members.
 
@@ -97,14 +102,14 @@ class Sums:
             raise NotConvertible(f"more than {types.LARGEST:,} bytes", "share a part of it", "SHM303")
         return moved
 
-    def packed(self, declared: Declaration) -> dict[int, tuple[int, int]]:
+    def packed(self) -> dict[int, tuple[int, int]]:
         """Map each pack_mode to the size and alignment of this type inside a structure with that pack_mode."""
-        size, alignment = self.compiled.end()
-        fixed = {pack: (size, min(alignment, pack)) for pack in PACKS}
-        return fixed if declared.pack else {pack: total.end() for pack, total in self.within.items()}
+        if self.compiled.pack != NATURAL:
+            return packed(*self.compiled.end())
+        return {pack: total.end() for pack, total in self.within.items()}
 
 
-EMPTY = Converted("", "", 0, 1, dict.fromkeys(PACKS, (0, 1)))
+EMPTY = Converted("", "", 0, 1, packed(0, 1))
 """The base of a structure without a base: the first member is at offset 0."""
 
 

@@ -209,7 +209,7 @@ class _Reader:
                 self.next()
             called = self.name()
             before += self.asides(self.at - 1)
-            head, _ = self.until(":")
+            head = self.until(":")
             extends = "".join(head[1:]) if head and head[0].upper() == "EXTENDS" else ""
             attributes = (_ATTRIBUTE.fullmatch(it.text) for it in before if it.kind == "pragma")
             pack, mistyped = pack_mode((it[1], it[2] or "") for it in attributes if it)
@@ -235,7 +235,7 @@ class _Reader:
         if is_enum:
             self.need()
             members = tuple(self.enumerators())
-        base, _ = self.until(";")
+        base = self.until(";")
         comment = _comment_text(self.asides(self.at - 1) + self.beside())
         kind = "enum" if is_enum else "alias"
         return Declaration(called.text, kind, members, _spelled(_halves(base)[0]), extends, pack, comment, span)
@@ -252,7 +252,7 @@ class _Reader:
                 self.need()
                 names.append(self.name())
             self.until(":")
-            declared, _ = self.until(";")
+            declared = self.until(";")
             type_, value = map(_spelled, _halves(declared))
             comment = _comment_text(self.asides(self.at - 1) + self.beside())
             count += len(names)
@@ -270,7 +270,7 @@ class _Reader:
             value: list[str] = []
             if self.peek() == ":=":
                 self.need()
-                value, _ = self.until(",", ")", keep=True)
+                value = self.until(",", ")", keep=True)
             if self.peek() == ",":
                 self.need()
             comment = _comment_text(self.asides(self.at - 1) + self.beside())
@@ -280,16 +280,18 @@ class _Reader:
             yield Member(it.text, "", _spelled(value), comment, self.span(it))
         self.need(")")
 
-    def until(self, *ends: str, keep: bool = False) -> tuple[list[str], _Token]:
-        """Read up to the first word that is in `ends` and outside brackets. Return the words before it, and this word.
+    def until(self, *ends: str, keep: bool = False) -> list[str]:
+        """Read up to the first word that is in `ends` and outside brackets. Return the words before it.
 
-        If `keep` is true, this word stays unread, and the word before it is returned instead.
+        If `keep` is True, this word stays unread.
         """
         words: list[str] = []
         depth = 0
         while True:
             if depth == 0 and self.peek() in ends:
-                return words, self.last if keep else self.need()
+                if not keep:
+                    self.need()
+                return words
             token = self.need()
             if token.text == ";":
                 raise Unreadable(f"expected {' or '.join(ends)}, found `;`", self.span(token))

@@ -14,7 +14,7 @@ from shmgen.core.diagnostics import Diagnostic, Report, Span
 from shmgen.core.plural import counted
 from shmgen.plc import text as around
 from shmgen.plc import types
-from shmgen.plc.compiled import EMPTY, NATURAL, PACKS, Converted, Sums, differences
+from shmgen.plc.compiled import EMPTY, NATURAL, Converted, Sums, differences, packed
 from shmgen.plc.declarations import MOST, Declaration, Member
 from shmgen.plc.numbers import NotConvertible, Numbers
 from shmgen.plc.sources import Project
@@ -202,9 +202,7 @@ class _Work:
         note = f", pack_mode {pack}" if sums.message != sums.natural else ""
         text = "\n".join([*head(declared, f"PLC: {declared.name}{note}"), *lines]) + "\n"
         places = tuple(sums.compiled.places)
-        return Converted(
-            self.names[declared.name.upper()], text, *sums.compiled.end(), sums.packed(declared), sure, places
-        )
+        return Converted(self.names[declared.name.upper()], text, *sums.compiled.end(), sums.packed(), sure, places)
 
     def _base(self, declared: Declaration) -> Converted:
         """Return the layout of a structure that another structure extends.
@@ -221,8 +219,7 @@ class _Work:
         result = self.done[field.element.upper()] if field.element else None
         if isinstance(result, Converted):
             return result
-        packed = {pack: (field.size, min(field.alignment, pack)) for pack in PACKS}
-        return Converted("", "", field.size, field.alignment, packed)
+        return Converted("", "", field.size, field.alignment, packed(field.size, field.alignment))
 
     def _check_pack(self, declared: Declaration, field: types.Field, layout: Converted) -> None:
         """Raise NotConvertible if the structure's pack_mode might remove padding inside the type of one of its members.
@@ -286,8 +283,7 @@ class _Work:
             own = "" if name == member.name else f"(PLC: {member.name})"
             lines += commented(f"{type_} {name}={value}", member.comment, own)
         text = [*head(declared, f"PLC: {declared.name} : {base}"), *lines, f"{type_} value"]
-        packed = {pack: (size, min(size, pack)) for pack in PACKS}
-        return Converted(self.names[declared.name.upper()], "\n".join(text) + "\n", size, size, packed)
+        return Converted(self.names[declared.name.upper()], "\n".join(text) + "\n", size, size, packed(size, size))
 
     def _alias(self, declared: Declaration) -> Converted | NotConvertible:
         """Convert an alias to a structure with one member of the same bytes."""

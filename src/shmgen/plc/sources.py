@@ -71,12 +71,13 @@ def read(paths: Iterable[Path], report: Report) -> Project:
     project = Project()
     compiled: list[Path] = []
     for path in paths:
-        readable = [] if path.suffix.lower() in _UNREAD and path.is_file() else _files(path, SUFFIXES)
-        if not readable and not _files(path, (COMPILED,)):
+        found = [] if path.suffix.lower() in _UNREAD and path.is_file() else _files(path, (*SUFFIXES, COMPILED))
+        if not found:
             _report_unreadable(path, report)
-        for file in readable:
+        layouts = [file for file in found if file.suffix.lower() == COMPILED]
+        for file in (file for file in found if file not in layouts):
             _read(file, legible(file.as_posix()), project, report)
-        compiled += (it.absolute() for it in (*_files(path, (COMPILED,)), *_beside_project(path)))
+        compiled += (it.absolute() for it in (*layouts, *_beside_project(path)))
     for file in dict.fromkeys(compiled):
         _read_compiled(file, project, report)
     return project
@@ -102,13 +103,10 @@ _UNREAD = {
 
 
 def _files(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    """Return `path` itself if it is a file, otherwise all files below the folder `path` with one of the suffixes.
-
-    A .tmc file is returned only if `suffixes` contains .tmc.
-    """
+    """Return `path` itself if it is a file, otherwise all files below the folder `path` with one of the suffixes."""
     if path.is_dir():
         return sorted(it for it in path.rglob("*") if it.suffix.lower() in suffixes and it.is_file())
-    return [path] if path.is_file() and (path.suffix.lower() == COMPILED) == (COMPILED in suffixes) else []
+    return [path] if path.is_file() else []
 
 
 def _beside_project(path: Path) -> list[Path]:

@@ -313,6 +313,6 @@ def _text(text: str) -> str:
     The text must not contain control characters, because XML 1.0 cannot represent most of them. Structured Text has
     none.
     """
-    assert re.sub(r"\w", "", text).isascii(), "only names of an imported project are beyond ASCII"
+    assert text.isascii() or re.sub(r"\w", "", text).isascii(), "only names of an imported project are beyond ASCII"
     assert text.replace("\n", "").isprintable(), "and has no control characters"
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from shmgen.core import table
 from shmgen.core.diagnostics import Report
-from shmgen.core.model import Layout, Layouts, Output, Regions, Role, TypeName
+from shmgen.core.model import Layout, Output, Regions, Role, TypeName
 from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.python import interfaces
@@ -99,7 +99,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         members = [layouts[name] for name in names]
         yield Output(f"{folder}/__init__.py", "python/package.py.j2", _package(ros_package, kind, members))
         for layout in members:
-            view = _module(layout, layouts, regions)
+            view = _module(layout, regions)
             yield Output(f"{folder}/{module(layout.name)}.py", "python/message.py.j2", view)
     yield from interfaces.plan(layouts, root)
     if job.options.beside:
@@ -147,7 +147,7 @@ def _spelled(regions: Regions) -> str:
     return f"runtime.RegionOptions({', '.join(arguments)})" if arguments else ""
 
 
-def _module(layout: Layout, layouts: Layouts, regions: str) -> Module:
+def _module(layout: Layout, regions: str) -> Module:
     names = _imported_names(layout)
     message = layout.message
     data = [slot for slot in layout.slots if slot.role is Role.DATA]
