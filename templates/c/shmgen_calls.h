@@ -92,12 +92,6 @@ static inline int64_t shmgen_left(int64_t deadline)
     return left > 0 ? left : 0;
 }
 
-/* Return true if a read with this status may succeed at a later try. */
-static inline bool shmgen_is_none_now(shmgen_status status)
-{
-    return status == SHMGEN_NOTHING_NEW || status == SHMGEN_LOCK_TIMEOUT || status == SHMGEN_OVERWRITTEN;
-}
-
 /* Return true if the caller must repeat a send, because the region of the message is being reopened. */
 static inline bool shmgen_is_reopening(const shmgen_link *end, shmgen_status status)
 {

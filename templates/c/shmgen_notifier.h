@@ -21,8 +21,6 @@ SHMGEN_BEGIN_DECLS
 /* The maximum number of subscribers of one notifier. With more than SHMGEN_MOST_WAITS subscribers, the kernel's
  * limit for one sleep, the thread polls. */
 #define SHMGEN_MOST_WATCHES 4096
-/* Interval in ns between two checks whether a region was removed. */
-#define SHMGEN_REMOVAL_CHECK (100 * SHMGEN_MS)
 
 /* The data that a notifier stores about one subscriber. */
 typedef struct shmgen_watch {
@@ -178,7 +176,7 @@ static inline void *shmgen_notifier_run(void *notifier)
     while (self->closing == 0) {
         size_t count = SHMGEN_MOST_WATCHES;
         const int64_t now = shmgen_now();
-        const bool checks = now - checked >= SHMGEN_REMOVAL_CHECK;
+        const bool checks = now - checked >= SHMGEN_REMOVED_MS * SHMGEN_MS;
         bool has_news;
         shmgen_notifier_sweep(self);
         checked = checks ? now : checked;

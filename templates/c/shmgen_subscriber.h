@@ -420,6 +420,12 @@ static inline shmgen_status shmgen_subscriber_ready(shmgen_subscriber *self, int
     }
 }
 
+/* Return true if a read with this status may succeed at a later try. */
+static inline bool shmgen_is_none_now(shmgen_status status)
+{
+    return status == SHMGEN_NOTHING_NEW || status == SHMGEN_LOCK_TIMEOUT || status == SHMGEN_OVERWRITTEN;
+}
+
 /* Wait at most `timeout` ns for a new sample, and read the newest. SHMGEN_NOTHING_NEW: no sample arrived, and `into`
  * is unchanged. SHMGEN_OVERWRITTEN: the timeout is over, and each copy of more than SHMGEN_SMALL bytes was
  * overwritten; `into` may be 0. */
@@ -433,7 +439,7 @@ static inline shmgen_status shmgen_subscriber_wait(
         shmgen_status status = shmgen_subscriber_ready(self, left > 0 ? left : 0);
         if (status == SHMGEN_OK)
             status = shmgen_subscriber_read(self, into, size, shmgen_limit_within(&self->end, end - shmgen_now()), receive);
-        if (status != SHMGEN_NOTHING_NEW && status != SHMGEN_LOCK_TIMEOUT && status != SHMGEN_OVERWRITTEN)
+        if (!shmgen_is_none_now(status))
             return status;
         spoiled = spoiled || (status == SHMGEN_OVERWRITTEN && size > SHMGEN_SMALL);
         if (shmgen_now() >= end)

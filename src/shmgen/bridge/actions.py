@@ -151,7 +151,7 @@ class PlcActionServer(Side):
             goal.end(ABORTED, lambda empty: None)
 
     def _fill(self, part: str, message: Message, empty: Any) -> None:
-        self._route.kinds[part]._decode(bytes(message), 0, empty)
+        self._route.kinds[part]._decode(bytes(message), empty)
 
 
 class PlcActionClient(Side):
@@ -184,7 +184,7 @@ class PlcActionClient(Side):
         news = _News()
         kind, timeout = self._route.kinds["_Goal"], self._route.entry.timeout
         try:
-            cancel = self._ros_client.send(lambda empty: kind._decode(bytes(goal.request), 0, empty), timeout, news)
+            cancel = self._ros_client.send(lambda empty: kind._decode(bytes(goal.request), empty), timeout, news)
         except Exception as error:  # NoAnswer, or any exception of a ROS library
             count_unanswered(self.counters, error)
             goal.abort()

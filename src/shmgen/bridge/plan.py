@@ -181,7 +181,7 @@ def check(route: Route, message: Any) -> None:
     """Raise ValueError if `message`, an empty ROS message, differs from shmgen's definition of the topic's type."""
     try:
         data = bytes(route.kind._from_object(message))
-        route.kind._decode(bytes(len(data)), 0, message)
+        route.kind._decode(bytes(len(data)), message)
     except (ValueRejected, AttributeError) as error:
         raise ValueError(
             f"{route.topic.topic}: {route.wire.type.short} of this ROS differs from shmgen's definition: {error}\n"

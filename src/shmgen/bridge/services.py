@@ -34,7 +34,7 @@ class PlcServiceServer(Side):
         self.counters.mark_received()
         try:
             answer = self.end.require().call(request, self._route.entry.timeout)
-            self._route.kinds["_Response"]._decode(bytes(answer), 0, response)
+            self._route.kinds["_Response"]._decode(bytes(answer), response)
             self.counters.passed += 1
         except Exception as error:  # CallTimeout, CallFailed, or any exception of a ROS library
             self.end.discard_after(error)
@@ -69,7 +69,7 @@ class PlcServiceClient(Side):
     def _forward(self, plc: ServiceServer[Any], call: Any) -> None:
         try:
             request = self._ros_client.new()
-            self._route.kinds["_Request"]._decode(bytes(call.request), 0, request)
+            self._route.kinds["_Request"]._decode(bytes(call.request), request)
             plc.reply(call, self._ros_client.call(request, self._route.entry.timeout))
             self.counters.passed += 1
         except Exception as error:  # NoAnswer, or any exception of a ROS library

@@ -215,7 +215,7 @@ class FromPlc(Side):
         try:
             lost = self._window.wait() if self._window else 0
             if not _send_payload(outlet, sample):
-                self.route.kind._decode(bytes(sample), 0, self._message)
+                self.route.kind._decode(bytes(sample), self._message)
                 if self.route.topic.carried.stamp == "now":
                     self._stamp(self._message)
                 outlet.send(self._message)

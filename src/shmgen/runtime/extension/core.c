@@ -264,15 +264,6 @@ static PyObject *end_load(PyObject *object, PyObject *place)
     return PyLong_FromUnsignedLong(shmgen_load(&self->link, 4 * at));
 }
 
-/* is_removed(): return True if the file of the region was removed. */
-static PyObject *end_is_removed(PyObject *object, PyObject *Py_UNUSED(nothing))
-{
-    End *self = (End *)object;
-    if (!is_open(self))
-        return PyErr_Occurred() != NULL ? NULL : PyBool_FromLong(1);
-    return PyBool_FromLong(shmgen_is_removed(&self->link));
-}
-
 /* is_claimed(): return True if a process has claimed the topic. */
 static PyObject *end_is_claimed(PyObject *object, PyObject *Py_UNUSED(nothing))
 {
@@ -525,8 +516,7 @@ static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
 /* Return true if the status means that a message was read. Otherwise the caller returns None or an error. */
 static bool is_message(const End *self, shmgen_status status)
 {
-    if (status != SHMGEN_OK && status != SHMGEN_NOTHING_NEW && status != SHMGEN_LOCK_TIMEOUT &&
-        status != SHMGEN_OVERWRITTEN && PyErr_Occurred() == NULL)
+    if (status != SHMGEN_OK && !shmgen_is_none_now(status) && PyErr_Occurred() == NULL)
         raise_status(self, status);
     return status == SHMGEN_OK;
 }
@@ -929,7 +919,7 @@ static PyObject *can_wait_for_many(PyObject *Py_UNUSED(module), PyObject *Py_UNU
 
 #define METHODS_OF_BOTH                                                                                                \
     {"step", end_step, METH_NOARGS, NULL}, {"load", end_load, METH_O, NULL},                                           \
-        {"is_removed", end_is_removed, METH_NOARGS, NULL}, {"is_claimed", end_is_claimed, METH_NOARGS, NULL},          \
+        {"is_claimed", end_is_claimed, METH_NOARGS, NULL},                                                             \
         {"close", end_close, METH_NOARGS, NULL}, {"close_in_child", end_close_in_child, METH_NOARGS, NULL}
 
 static PyMemberDef writer_members[] = {

@@ -44,11 +44,6 @@ static bool set(PyObject *message, PyObject *dictionary, PyObject *name, PyObjec
     return (dictionary != NULL ? PyDict_SetItem(dictionary, name, value) : PyObject_SetAttr(message, name, value)) == 0;
 }
 
-static bool is_deferred(const Step *step)
-{
-    return step->what == NUMBERS && step->size * step->length >= CODEC_LATE_FROM;
-}
-
 /* Set all bytes to zero, except the bytes of deferred arrays. */
 static void clear(const Step *step, const Step *end, unsigned char *start, size_t base, size_t *done)
 {

@@ -253,7 +253,7 @@ static bool add_steps(Table *self, PyObject *kind, size_t size)
             fits = add_steps(self, step->kind, step->size);
             self->steps[place].inner = self->count - place - 1;
         } else if (fits) {
-            self->has_deferred = self->has_deferred || (step->what == NUMBERS && step->size * step->length >= CODEC_LATE_FROM);
+            self->has_deferred = self->has_deferred || is_deferred(step);
         }
     }
     Py_XDECREF(rows);

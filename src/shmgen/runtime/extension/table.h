@@ -73,8 +73,8 @@ enum {
     TOOLS
 };
 
-/* A field. The steps of a nested message follow its own step. The member `held` of the table keeps all objects except
- * `known` alive. */
+/* A field. The steps of a nested message follow its own step. The member `references` of the table keeps all objects
+ * except `known` alive. */
 typedef struct Step {
     PyObject *row;       /* the Step object in Python */
     PyObject *name;      /* name of the attribute */
@@ -89,6 +89,12 @@ typedef struct Step {
     char code, family; /* numbers: as in Python's struct; strings: u, l, w; times: T, D in ms, N in ns, P in s and ns */
     bool truncates, is_duration;
 } Step;
+
+/* Return true for an array that is copied directly into the slot. */
+static inline bool is_deferred(const Step *step)
+{
+    return step->what == NUMBERS && step->size * step->length >= CODEC_LATE_FROM;
+}
 
 /* The steps of a class and of its nested messages. */
 typedef struct Table {

@@ -67,12 +67,12 @@ class Message(TabledStructure):
         return cls.from_buffer(data)
 
     @classmethod
-    def _decode(cls, data: bytes | bytearray, at: int, message: Any) -> None:
-        """Set the attributes of `message`, an object of any class, from the bytes `data`, starting at byte `at`.
+    def _decode(cls, data: bytes | bytearray, message: Any) -> None:
+        """Set the attributes of `message`, an object of any class, from the bytes `data`.
 
         Raises CountExceeded if a count is above its bound.
         """
-        decode(cls, data, message, at)
+        decode(cls, data, message)
 
     def _check_counts(self) -> None:
         """Raise CountExceeded if a sequence of this message has a count above its bound. A peer may write any count."""

@@ -130,13 +130,10 @@ def elements(value: Any, length: int, fixed: bool, path: str) -> list[Any]:
         check_length(count, length, fixed, path)
         items = list(value)
     except TypeError:
-        raise not_a_sequence(value, path) from None
-    check_items(count, len(items), path)
+        raise OutOfRange(path, f"{value!r:.40} is {type(value).__name__}, not a sequence") from None
+    if count != len(items):  # len() and iteration disagree
+        raise OutOfRange(path, f"len() gives {counted(count, 'element')}, iterating over the sequence {len(items)}")
     return items
-
-
-def not_a_sequence(value: Any, path: str) -> OutOfRange:
-    return OutOfRange(path, f"{value!r:.40} is {type(value).__name__}, not a sequence")
 
 
 def check_length(count: int, length: int, fixed: bool, path: str) -> None:
@@ -148,12 +145,6 @@ def check_length(count: int, length: int, fixed: bool, path: str) -> None:
         raise CountExceeded(path, f"{counted(count, 'element')}; the array has exactly {length}")
     if count > length:
         raise CountExceeded(path, f"{counted(count, 'element')}; the bound is {length}")
-
-
-def check_items(count: int, items: int, path: str) -> None:
-    """Raise OutOfRange if `count`, the len() of a sequence, differs from `items`, the number of elements it yields."""
-    if count != items:
-        raise OutOfRange(path, f"len() gives {counted(count, 'element')}, iterating over the sequence {items}")
 
 
 def check_count(count: int, length: int, path: str) -> None:

@@ -140,8 +140,6 @@ def decode_element(step: Step, data: Any, at: int, like: Any = None) -> Any:
     shmgen's own class.
     """
     kind, part = step.kind, data[at : at + step.size]
-    if kind in STRUCTS:
-        return STRUCTS[kind].unpack(part)[0]
     if kind in TEXTS:
         return decode_text(kind, part)
     if kind in CLOCKS:

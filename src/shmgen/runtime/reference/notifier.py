@@ -14,7 +14,7 @@ from shmgen.runtime.region import header as h
 
 _POLL = abi.POLL_MS / 1000
 """Seconds between two polls of all readers."""
-_REMOVAL_CHECK = 0.1
+_REMOVAL_CHECK = abi.REMOVED_MS / 1000
 """Approximate seconds between two reports of a reader whose region was removed."""
 
 

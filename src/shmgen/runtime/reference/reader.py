@@ -71,7 +71,7 @@ class Reader(End):
         else:
             if not has_table(self.of.kind):
                 raise TypeError(f"{self.of.kind!r} has no table of fields: read into an object of it")
-            self.of.kind._decode(data, 0, message)
+            self.of.kind._decode(data, message)
         return True
 
     def borrow(self) -> int | None:

@@ -64,16 +64,13 @@ class Writer(End):
             self._scratch = data
 
     def _await_written(self, data: bytes | bytearray, left: float | None) -> None:
-        while not self._is_written(data, left):
-            time.sleep(_POLL)
-
-    def _is_written(self, data: bytes | bytearray, left: float | None) -> bool:
-        """Publish `data` and return True. While a removed region is being reopened, return False."""
-        try:
-            self._call_alone(self._publish, data, left)
-        except NotOpenYet:
-            return False
-        return True
+        """Publish `data`. While a removed region is being reopened, wait."""
+        while True:
+            try:
+                self._call_alone(self._publish, data, left)
+                return
+            except NotOpenYet:
+                time.sleep(_POLL)
 
     def heartbeat(self) -> None:
         """Show readers that the writer is alive, without publishing a sample.

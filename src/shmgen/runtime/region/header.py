@@ -8,11 +8,11 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from shmgen.core import abi
-from shmgen.core.abi import ABI, HEADER_SIZE, LAST, MAGIC, PAGE, PLC, SLOT_HEADER, HeaderField
+from shmgen.core.abi import ABI, HEADER_SIZE, LAST, MAGIC, PLC, SLOT_HEADER, HeaderField
 from shmgen.core.escape import legible
 from shmgen.core.plural import counted
 
-__all__ = ["ABI", "HEADER_SIZE", "LAST", "MAGIC", "PAGE", "PLC", "SLOT_HEADER"]  # for callers that write h.LAST
+__all__ = ["ABI", "HEADER_SIZE", "LAST", "MAGIC", "PLC", "SLOT_HEADER"]  # for callers that write h.LAST
 
 _AT = {word.name: word.offset for word in (*abi.HEADER, *abi.SLOT)}
 
