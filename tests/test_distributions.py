@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -20,6 +19,7 @@ from shmgen.generator import pipeline, render
 from shmgen.generator.templates import compile_templates
 
 from .conftest import REPOSITORY
+from .support.sanitizers import build_hook
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -76,20 +76,11 @@ print(shmgen.runtime.__file__)
     }
 
 
-def hook() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("hatch_build", REPOSITORY / "hatch_build.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPatch) -> None:
     """As PyPI shows it: no link is relative any more, and each leads to a file, a folder, or bytes of a picture."""
     monkeypatch.setenv("SHMGEN_REPOSITORY", "https://example.org/shmgen/")
     made = {"version": "1.2.3"}
-    hook().Metadata(str(REPOSITORY), {}).update(made)
+    build_hook().Metadata(str(REPOSITORY), {}).update(made)
     links = re.findall(r"\]\(([^)\s]+)\)", made["readme"]["text"])
     ours = [link.removeprefix("https://example.org/shmgen/") for link in links if "example.org" in link]
     assert len(ours) > 20
@@ -112,7 +103,7 @@ def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPa
 def test_the_extension_is_compiled_for_no_other_python(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of: object, name: str, value: object
 ) -> None:
-    compiled = hook().build_extension
+    compiled = build_hook().build_extension
     monkeypatch.delenv("SHMGEN_PURE", raising=False)
     with monkeypatch.context() as there:
         there.setattr(of, name, value)
@@ -124,7 +115,7 @@ def test_a_wheel_needs_no_text_of_its_templates_and_no_jinja(tmp_path: Path, mon
     """They are compiled when it is built, and print the same."""
     pose = Config(tmp_path, messages=("geometry_msgs/Pose",))
     texts = pipeline.generate(pose, pose.messages)
-    ((made, place),) = hook().compiled_templates(tmp_path).items()
+    ((made, place),) = build_hook().compiled_templates(tmp_path).items()
     assert place == "shmgen/generator/printers.py"
     templates = tmp_path / "templates"
     shutil.copytree(render.template_folder(), templates, ignore=shutil.ignore_patterns("*.j2"))

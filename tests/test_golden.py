@@ -98,7 +98,7 @@ for path in sorted(pathlib.Path.cwd().glob("*/*/*/_*.py")):
         if isinstance(kind, type) and issubclass(kind, runtime.Message) and kind.__module__ == module.__name__:
             message = kind()
             first, taken = bytes(kind._from_object(message)), foreign(message)
-            kind._decode(first, 0, taken)
+            kind._decode(first, taken)
             assert bytes(message) == first == bytes(kind._from_object(taken)), kind
             print(kind._type_name_)
 """

@@ -191,7 +191,7 @@ def what_is_sent_arrives_in_order(scene: Scene) -> None:
         sample = kind(name=["a", "\xe4\u2603"], position=[number + 0.5, -1.0], effort=[])
         sample.header.frame_id = f"frame {number}"
         message = line.outlet.new()
-        kind._decode(bytes(sample), 0, message)  # as the bridge fills one
+        kind._decode(bytes(sample), message)  # as the bridge fills one
         line.outlet.send(message)
     until(lambda: len(line.taken) >= 200)
     got = [(one.header.frame_id, list(one.name), list(one.position), list(one.effort)) for one in line.taken]

@@ -29,7 +29,7 @@ class Values(NamedTuple):
         """`message`, an empty one of that type, with every field at random."""
         layout, kind = self.layouts[name], self.kinds[str(name)]
         made = kind._from_object(random_message(layout, self.layouts, random.Random(str(seed))))
-        kind._decode(bytes(made), 0, message)
+        kind._decode(bytes(made), message)
         return message
 
 

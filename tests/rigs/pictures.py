@@ -36,7 +36,6 @@ from ..view.browser import Page
 from . import fbd
 
 DOCS = REPOSITORY / "docs"
-_TITLE = re.compile(r"(\d+) bytes at (\d+) Hz")
 _ROW = re.compile(r"  (spin|event|poll) +(.+?) +(\d+\.\d) +(\d+\.\d) +\d+\.\d +\d+\.\d\d +\d+")
 _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 _LEFT, _WIDE, _LINE = 190, 530, 20

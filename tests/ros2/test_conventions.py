@@ -13,7 +13,16 @@ from ..support.ros2 import Graph
 from .test_bridge import session, topic
 
 STAMPED = "geometry_msgs/PoseStamped"
-ARGUMENTS = ("-r", "__ns:=/cell1", "-r", "__node:=cell_4", "-r", "{space}/pose:=/other{space}/pose")
+ARGUMENTS = (
+    "-r",
+    "__ns:=/cell1",
+    "-r",
+    "__node:=cell_4",
+    "-r",
+    "{space}/pose:=/other{space}/pose",
+    "-r",
+    "/clock:={space}/clock",
+)
 
 
 @pytest.mark.parametrize("graph", ["jazzy", ("jazzy", "dds")], indirect=True)
@@ -21,18 +30,19 @@ def test_one_command_line_makes_the_same_graph(graph: Graph, space: str) -> None
     bare = space.removeprefix("/")
     config = f'source = "{graph.source}"\n[bridge]\ndiagnostics = 0.2\n' + topic(f"{space}/pose", STAMPED)
     config += topic(f"{bare}/out", STAMPED, 'direction = "from_plc"')
-    words = ["--ros-args", *(word.format(space=space) for word in ARGUMENTS), "-p", "use_sim_time:=true"]
+    rules = [word for rule in REMAPPED for word in ("-r", rule.format(space=space))]
+    words = ["--ros-args", *rules, "-p", "use_sim_time:=true"]
     bridge, peer = graph.bridge(config, *words), graph.peer()
     peer.ask(do="advertise", topic=f"/other{space}/pose", type="geometry_msgs/msg/PoseStamped")
     assert peer.ask(do="connected", topic=f"/other{space}/pose") == 1
     peer.ask(do="subscribe", topic="/diagnostics", type="diagnostic_msgs/msg/DiagnosticArray")
     peer.ask(do="subscribe", topic=f"/cell1{space}/out", type="geometry_msgs/msg/PoseStamped")
-    peer.ask(do="advertise", topic="/clock", type="rosgraph_msgs/msg/Clock")
+    peer.ask(do="advertise", topic=f"{space}/clock", type="rosgraph_msgs/msg/Clock")
     kind = session(graph).classes([STAMPED])["geometry_msgs/msg/PoseStamped"]
     stamps: list[int] = []
 
     def simulated() -> bool:
-        peer.ask(do="publish", topic="/clock", messages=[{"clock": {"sec": 1234}}])
+        peer.ask(do="publish", topic=f"{space}/clock", messages=[{"clock": {"sec": 1234}}])
         writer.publish(kind())
         came: list[Any] = peer.ask(do="take", topic=f"/cell1{space}/out", count=1, timeout=0.2)
         stamps.extend(one["header"]["stamp"]["sec"] for one in came)

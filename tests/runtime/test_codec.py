@@ -6,8 +6,6 @@ import array
 import copy
 import ctypes
 import gc
-import importlib.util
-import os
 import random
 import re
 import shutil
@@ -29,7 +27,7 @@ from shmgen.generator import pipeline
 from shmgen.runtime import CountExceeded, OutOfRange, engine
 from shmgen.runtime.messages import walker
 from tests.conftest import REPOSITORY
-from tests.support import build, c_structs, import_or_skip, schemas
+from tests.support import build, c_structs, import_or_skip, sanitizers, schemas
 
 from .messages import WHY_NOT
 
@@ -262,7 +260,7 @@ def test_the_structures_of_gcc_hold_the_values_of_the_walker(schema, options, se
     layouts, package = build.layouts_of(schema, options), f"compiled_{folder.name}"
     for language in ("python", "c"):
         build.put(build.texts_of(layouts, language, package), folder)
-    library, draw = c_structs.read_back(folder, package, layouts), random.Random(seed)
+    library, draw = c_structs.read_back(folder, layouts), random.Random(seed)
     for layout in layouts.values():
         kind, _, _ = build.classes(folder, package, layout.name)
         for _ in range(schemas.messages(4)):
@@ -532,25 +530,16 @@ FAULTS = {
 
 def sanitized(folder: Path, fault: tuple[str, str, str] | None, chosen: str) -> subprocess.CompletedProcess[str]:
     """Tests of the walkers under the address and undefined-behaviour sanitizers, each object with bounds of its own."""
-    spec = importlib.util.spec_from_file_location("hatch_build", REPOSITORY / "hatch_build.py")
-    hook = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(hook)
-    hook.SOURCES = folder / "sources"
+    sources = folder / "sources"
     runtime = REPOSITORY / "src/shmgen/runtime"
-    shutil.copytree(runtime, hook.SOURCES / "runtime", ignore=shutil.ignore_patterns("*.py", "*pycache*"))
+    shutil.copytree(runtime, sources / "runtime", ignore=shutil.ignore_patterns("*.py", "*pycache*"))
     if fault:
-        source = hook.SOURCES / "runtime/extension" / fault[0]
+        source = sources / "runtime/extension" / fault[0]
         assert source.read_text().count(fault[1]) == 1
         source.write_text(source.read_text().replace(*fault[1:]))
-    library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
-    with pytest.MonkeyPatch.context() as there:
-        there.setenv("CC", "gcc -g -fsanitize=address,undefined -fno-sanitize-recover=all")
-        assert hook.build_extension(folder / "_core.abi3.so") == ""
-    options = {"LD_PRELOAD": library.strip(), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"}
+    environment = sanitizers.environment(folder, sources)
     command = [sys.executable, "-c", LOADED, folder, chosen, HERE, WIRE]
-    return subprocess.run(
-        command, cwd=REPOSITORY, env=os.environ | options, capture_output=True, text=True, check=False
-    )
+    return subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ static void begin(char *to, unsigned room) { out = to; end = to + room; *out = 0
 """
 
 
-def read_back(folder: Path, package: str, layouts: Layouts) -> ctypes.CDLL:
+def read_back(folder: Path, layouts: Layouts) -> ctypes.CDLL:
     """Compile a C library with a function for each message that prints its fields."""
     headers = sorted(path.relative_to(folder / "c") for path in (folder / "c").rglob("*.h"))
     lines = [f'#include "{header}"' for header in headers] + [C_HEAD]

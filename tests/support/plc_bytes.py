@@ -61,7 +61,7 @@ def make(config: Config, names: list[str], folder: Path) -> Proof:
     put(texts, folder)
     st = {path: text for path, text in texts.items() if path.endswith(".st")}
     assert_same_in_xml(st, texts["plcopen/shmgen.xml"])
-    c = read_back(folder, config.package, layouts)
+    c = read_back(folder, layouts)
     return Proof(folder, config.package, layouts, compile_st(st | echoes(layouts)), c)
 
 
