@@ -39,7 +39,7 @@ def world() -> str:
             ("or a node of", "muted"),
             ("your own in C++", "muted"),
         ),
-        *_box(670, 32, 280, 278, "plc", ("softPLC: task, every 10 ms", "head")),
+        *_box(670, 32, 280, 278, "plc", ("soft PLC: task, every 10 ms", "head")),
         *_text(24, 352, ("shmgen generates the code on both sides from one memory layout.", "muted")),
         *_text(24, 372, ("Each topic has one region, one lock and one writer.", "muted")),
     ]

@@ -13,16 +13,7 @@ from ..support.ros2 import Graph
 from .test_bridge import session, topic
 
 STAMPED = "geometry_msgs/PoseStamped"
-ARGUMENTS = (
-    "-r",
-    "__ns:=/cell1",
-    "-r",
-    "__node:=cell_4",
-    "-r",
-    "{space}/pose:=/other{space}/pose",
-    "-r",
-    "/clock:={space}/clock",
-)
+REMAPPED = ("__ns:=/cell1", "__node:=cell_4", "{space}/pose:=/other{space}/pose", "/clock:={space}/clock")
 
 
 @pytest.mark.parametrize("graph", ["jazzy", ("jazzy", "dds")], indirect=True)

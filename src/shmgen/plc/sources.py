@@ -71,11 +71,11 @@ def read(paths: Iterable[Path], report: Report) -> Project:
     project = Project()
     compiled: list[Path] = []
     for path in paths:
-        found = [] if path.suffix.lower() in _UNREAD and path.is_file() else _files(path, (*SUFFIXES, COMPILED))
-        if not found:
+        files = [] if path.suffix.lower() in _UNREAD and path.is_file() else _files(path, (*SUFFIXES, COMPILED))
+        if not files:
             _report_unreadable(path, report)
-        layouts = [file for file in found if file.suffix.lower() == COMPILED]
-        for file in (file for file in found if file not in layouts):
+        layouts = [file for file in files if file.suffix.lower() == COMPILED]
+        for file in (file for file in files if file not in layouts):
             _read(file, legible(file.as_posix()), project, report)
         compiled += (it.absolute() for it in (*layouts, *_beside_project(path)))
     for file in dict.fromkeys(compiled):

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 from shmgen.core import abi
 from shmgen.core.plural import counted
-from shmgen.drift.lockfile import short
 from shmgen.live.processes import alive, called
 from shmgen.live.regions import damage
 from shmgen.runtime.engine import IN_C
@@ -39,7 +38,8 @@ def _header(region: Evidence) -> Iterator[Problem]:
 
 def _layout(region: Evidence) -> Iterator[Problem]:
     header, file, expected, layout = region.after, region_file(region.name), region.expected, region.layout
-    if expected.type and expected.type not in (header.type_name, short(header.type_name)):
+    package, _, bare = header.type_name.partition("/")
+    if expected.type and expected.type not in (header.type_name, f"{package}/{bare.rpartition('/')[2]}"):
         message = f"the region has type {header.type_name}, but shmgen.toml has {expected.type}"
         yield Problem(region.topic, message, _ADVICE_CLEAN.format(topic=region.topic), file)
     elif layout and (layout.digest, layout.size) != (header.digest, header.payload_size):

@@ -7,7 +7,6 @@ from collections.abc import Callable, Generator
 from contextlib import suppress
 from typing import Any
 
-from shmgen.drift.lockfile import short
 from shmgen.live.classes import ClassRegistry, publisher
 from shmgen.live.regions import View, depth_of
 from shmgen.runtime import Message, region_name
@@ -51,7 +50,8 @@ def _expected(topic: str, request: str, registry: ClassRegistry) -> tuple[int | 
     """
     with suppress(RegionMissing), View(region_name(topic)) as view:
         header = view.header()
-        if request in (header.type_name, short(header.type_name)):
+        package, _, bare = header.type_name.partition("/")
+        if request in (header.type_name, f"{package}/{bare.rpartition('/')[2]}"):
             return header.digest, depth_of(header)
     return None, registry.depth_of(topic)
 
