@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import count
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +15,7 @@ import pytest
 
 from shmgen.live.classes import client, publisher, subscriber
 
-from ..support.ros1 import PROMPTLY, Peer, wait_for
+from ..support.ros1 import LIMIT, PROMPTLY, Peer, wait_for
 from ..support.ros2 import Graph
 from .test_bridge import SET_BOOL, by_rclpy, plc_server, session, topic
 
@@ -30,6 +32,38 @@ def one_processor() -> Iterator[None]:
     os.sched_setaffinity(0, {min(all_there)})
     yield
     os.sched_setaffinity(0, all_there)
+
+
+@pytest.fixture
+def empty_ports() -> Iterator[int]:
+    """A domain in which a killed node has left empty files of Fast DDS; no other test uses its number."""
+    domain = 101
+    files = [Path(f"/dev/shm/fastrtps_port{7400 + 250 * domain + port}") for port in range(40)]
+    for file in files:
+        file.write_bytes(b"")
+    yield domain
+    for file in files:
+        file.unlink(missing_ok=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
+def test_sigterm_ends_a_bridge_that_fast_dds_blocks(graph: Graph, space: str, empty_ports: int) -> None:
+    """Fast DDS waits without limit until another process fills the file. Meanwhile it holds Python's lock."""
+    graph.number = empty_ports
+    bridge = graph.bridge(f'source = "{graph.source}"\n' + topic(f"{space}/x", "std_msgs/Int32"), ready=False)
+    bridge.wait_for_line(f"{space}/x")
+    descriptors = Path(f"/proc/{bridge.process.pid}/fd")
+
+    def has_the_file() -> bool:
+        with suppress(FileNotFoundError):  # a descriptor was closed meanwhile
+            return any("fastrtps_port" in os.readlink(descriptor) for descriptor in descriptors.iterdir())
+        return False
+
+    wait_for(has_the_file, "Fast DDS with the file")
+    bridge.process.send_signal(signal.SIGTERM)
+    assert bridge.process.wait(LIMIT) != 0
+    bridge.wait_for_line("in create_node")
 
 
 @pytest.mark.slow
