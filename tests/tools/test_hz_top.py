@@ -42,7 +42,7 @@ def test_hz_counts_what_it_cannot_see(topic):
         publisher.publish(pose(0.0))
         regions = stream.regions(topic, None, 1, notes.append)
         view, reader = next(regions)
-        looks = stream.looks(topic, view, reader, 1)
+        looks = stream.batches(topic, view, reader, 1)
         assert [sample.number for sample in next(looks)] == [1]
         for number in range(2, 32, 5):
             for _ in range(5):

@@ -51,7 +51,7 @@ class Bag:
         self._files: list[mcap.File] = []
         self._open: mcap.File | None = None
         self._begun = 0.0
-        self.say()
+        self.write_metadata()
 
     @property
     def files(self) -> list[Path]:
@@ -73,7 +73,7 @@ class Bag:
             self._open = mcap.File(self.folder / f"{self.folder.name}_{len(self._files)}.mcap")
             self._files.append(self._open)
             self._begun = time.monotonic()
-            self.say()
+            self.write_metadata()
         before = self._open.size
         self._open.put(chunk, [record for number in chunk.index for record in self._records(self._channels[number])])
         self.size += self._open.size - before
@@ -95,7 +95,7 @@ class Bag:
             self._open.abandon()
             self._open = None
 
-    def say(self, notes: Mapping[str, str] | None = None) -> None:
+    def write_metadata(self, notes: Mapping[str, str] | None = None) -> None:
         """Write the bag's metadata.yaml, which lists its files and topics, and add `notes`, if given.
 
         The replacement is atomic: a reader finds either the old or the new file. Raises OSError if writing fails.

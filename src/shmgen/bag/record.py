@@ -304,9 +304,9 @@ class _Writer:
                 self._bag.put(item)
                 self._written += item.size
                 if time.monotonic() - last_saved_at >= _FLUSH:
-                    self._bag.say()
+                    self._bag.write_metadata()
                     last_saved_at = time.monotonic()
             self._bag.end_file(self._notes)
-            self._bag.say(self._notes)
+            self._bag.write_metadata(self._notes)
         except BaseException as error:
             self._error = error

@@ -76,7 +76,7 @@ def view(
 
     page = Page(shlex.join(words), listening, click.echo)
     click.echo(f"{page.address}\nCtrl-C ends it")
-    if opens and click.launch(page.door()):
+    if opens and click.launch(page.create_redirect_file()):
         common.note("no browser could be started: xdg-open is missing; open the address")
     page.serve()
 

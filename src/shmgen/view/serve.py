@@ -55,13 +55,13 @@ class Page(Server):
         self._path = f"/{secrets.token_urlsafe(12)}"
         self._key, self._token = secrets.token_urlsafe(24), secrets.token_urlsafe(24)
         self._listening, self._tell = listening, tell
-        self._door = ExitStack()
+        self._redirect_files = ExitStack()
 
     @property
     def address(self) -> str:
         return f"{self.public_url}/?token={self._token}"
 
-    def door(self) -> str:
+    def create_redirect_file(self) -> str:
         """Create a file that redirects a browser to the secret address, and return its path.
 
         The browser gets the file instead of the address, because all users can read the arguments of a process. The
@@ -69,7 +69,7 @@ class Page(Server):
         is removed at the first visit.
         """
         file = tempfile.NamedTemporaryFile("w", prefix="shmgen-view-", suffix=".html", dir=Path.home())  # noqa: SIM115
-        self._door.enter_context(file).write(f'<meta http-equiv="refresh" content="0; url={self.address}">')
+        self._redirect_files.enter_context(file).write(f'<meta http-equiv="refresh" content="0; url={self.address}">')
         file.flush()
         return file.name
 
@@ -94,7 +94,7 @@ class Page(Server):
         would send the next request without the cookie.
         """
         self._token = secrets.token_urlsafe(24)
-        self._door.close()
+        self._redirect_files.close()
         self._tell(f"opened; for another browser: {self.address}")
         answer = web.Response(headers={"Refresh": f"0; url={self._path}/"})
         answer.set_cookie(_COOKIE, self._key, httponly=True, samesite="Strict", path=f"{self._path}/")
@@ -117,7 +117,7 @@ class Page(Server):
     def serve(self, debug: bool = False) -> None:
         """Serve until Ctrl-C or SIGTERM. Log no requests: the first request contains the token."""
         logging.basicConfig(level=logging.WARNING)
-        with self._door:
+        with self._redirect_files:
             web.run_app(self._make_app(), sock=self._listening, print=None)
 
     async def on_startup(self, app: web.Application) -> None:

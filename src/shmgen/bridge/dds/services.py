@@ -52,9 +52,9 @@ class _Half:
     """The common part of the server and the client of a service."""
 
     pair: Pair
-    own_key: str
+    own_identity_key: str
     """The key of the identity in the bridge's user data."""
-    peer_key: str
+    peer_identity_key: str
     """The key of the identity in the user data of a peer."""
 
     def __init__(
@@ -68,7 +68,7 @@ class _Half:
         self._at_once = wire.at_once
         self._refuse = refuse
         self._is_logged = False
-        us = f"{self.own_key}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
+        us = f"{self.own_identity_key}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
         self._requests = _direction(request_name(wire.name), wire.request, f"{us}typehash={self.request.type_hash};")
         self._responses = _direction(reply_name(wire.name), wire.response, f"{us}typehash={self.response.type_hash};")
         self._request_identity = Identity(wire.name, wire.request[-1].name, self.request.type_hash, log)
@@ -81,7 +81,7 @@ class _Half:
 
     def _id(self, words: list[str]) -> str:
         """Return the identity in a peer's user data, or `""` if the peer sends an identity inline with each call."""
-        return user_data_entry(words, self.peer_key)
+        return user_data_entry(words, self.peer_identity_key)
 
     def _report_incompatible(self) -> None:
         self._refuse(_INCOMPATIBLE)
@@ -93,7 +93,7 @@ class _Half:
 class Server(_Half):
     """A service that the bridge offers. `answer` handles the requests one by one, or in parallel with `at_once`."""
 
-    own_key, peer_key = "serviceid", "clientid"
+    own_identity_key, peer_identity_key = "serviceid", "clientid"
 
     def __init__(
         self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], refuse: Refuse, answer: Answer
@@ -150,15 +150,15 @@ class Server(_Half):
 
     def _is_reader_known(self, received: ReceivedCall) -> bool:
         hearing = self.pair.peers(is_writer=False)
-        if peer_key := self._id(received.words):
-            return any(peer_key == self._id(words) for words in hearing.values())
+        if peer_identity_key := self._id(received.words):
+            return any(peer_identity_key == self._id(words) for words in hearing.values())
         return not received.call[_GUID - 1] & _READER or received.call[:_GUID] in hearing
 
 
 class Client(_Half):
     """A client of a service, with the functions of a RosClient."""
 
-    own_key, peer_key = "clientid", "serviceid"
+    own_identity_key, peer_identity_key = "clientid", "serviceid"
 
     def __init__(self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]) -> None:
         super().__init__(transport, wire, log, lambda why: None)

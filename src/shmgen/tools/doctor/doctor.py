@@ -16,7 +16,7 @@ from shmgen.runtime import region_name
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import region_file
 from shmgen.tools.doctor import checks, permissions
-from shmgen.tools.doctor.environment import of_machine, of_strays
+from shmgen.tools.doctor.environment import of_detached, of_machine
 from shmgen.tools.doctor.logout import of_logout
 from shmgen.tools.doctor.problem import Problem, owner
 from shmgen.tools.doctor.snapshot import Evidence, Expected, gather
@@ -51,7 +51,7 @@ def examine(topic: str | None, registry: ClassRegistry) -> Examination:
     findings = [finding for seen in regions for finding in checks.of_region(seen)]
     findings += [Problem("", f"{one.message} ({one.code})", one.hint, one.span.path) for one in errors]
     findings += permissions.of_places(sorted(expected_names))
-    findings += of_strays(running, expected_names, names if requested else ())
+    findings += of_detached(running, expected_names, names if requested else ())
     findings += of_machine(running)
     findings += of_logout(regions)
     if requested is not None:

@@ -16,7 +16,7 @@ from shmgen.tools.doctor.problem import Problem
 from shmgen.tools.doctor.snapshot import own_device, semaphore
 
 
-def of_strays(processes: Processes, names: Collection[str], requested: Collection[str]) -> Iterator[Problem]:
+def of_detached(processes: Processes, names: Collection[str], requested: Collection[str]) -> Iterator[Problem]:
     """Yield a problem for each process that still uses a removed region or semaphore, or a region in another /dev/shm.
 
     `names` are the existing and the configured regions; `requested` are the regions that the user named. A container

@@ -30,7 +30,7 @@ def messages(topic: str, registry: ClassRegistry, timeout: float | None, tell: T
     with closing(regions(topic, registry, timeout, tell, passive=False)) as followed_regions:
         for view, reader in followed_regions:
             try:
-                for samples in looks(topic, view, reader, timeout):
+                for samples in batches(topic, view, reader, timeout):
                     for sample in samples:
                         yield sample.message
             finally:
@@ -54,7 +54,7 @@ def regions(
         tell(f"{topic}: the region was removed; waiting for a new one")
 
 
-def looks(
+def batches(
     topic: str, view: View, reader: Subscriber[Message], timeout: float | None
 ) -> Iterator[list[Sample[Message]]]:
     """Yield the new samples of a region each millisecond, until the region is removed. The list may be empty.

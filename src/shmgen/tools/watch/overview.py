@@ -30,7 +30,7 @@ _WIDTHS = {"rate": len("1000.0/s"), "age": len("999.9 ms"), "lock": len("1000.0/
 """Usual widths, in characters."""
 _NARROWEST = 12
 """Characters that a type or a writer keeps before columns are dropped."""
-_LOOKS = 6
+_MAX_OBSERVATIONS = 6
 """Number of headers from which a rate is computed. With fewer, the rate of a slow topic would flicker to 0."""
 _TRIES = 5
 
@@ -69,7 +69,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class _Look:
+class _Observation:
     """A header that look() has read, to compute rates. `when` is its time in seconds of the monotonic clock."""
 
     when: float
@@ -77,7 +77,7 @@ class _Look:
     inode: int
 
 
-Past = dict[str, deque[_Look]]
+Past = dict[str, deque[_Observation]]
 """Headers that earlier calls of look() have read, by region name."""
 
 
@@ -115,12 +115,12 @@ def _row(view: View, past: Past, processes: Processes | None) -> Row:
     if why := damage(header):
         past.pop(view.name, None)
         return Row(topic, f"damaged: {why}", size=header.size, readers=tuple(sorted(readers)), digest=digest)
-    looks = past.setdefault(view.name, deque(maxlen=_LOOKS))
-    if looks and looks[-1].inode != view.status.st_ino:
-        looks.clear()
-    looks.append(_Look(time.monotonic(), header, view.status.st_ino))
-    first, earlier = looks[0], looks[-2].header if len(looks) > 1 else None
-    seconds = looks[-1].when - first.when
+    observations = past.setdefault(view.name, deque(maxlen=_MAX_OBSERVATIONS))
+    if observations and observations[-1].inode != view.status.st_ino:
+        observations.clear()
+    observations.append(_Observation(time.monotonic(), header, view.status.st_ino))
+    first, earlier = observations[0], observations[-2].header if len(observations) > 1 else None
+    seconds = observations[-1].when - first.when
     acquired = (header.lock_count - first.header.lock_count) % 2**32
     is_stuck = earlier and header.lock_holder and header.lock_count == earlier.lock_count
     stamp, writer = _newest_stamp(view, header), view.writer(header.writer) if view.claimed() else None

@@ -128,7 +128,7 @@ def reports(
             reader.samples()  # skip existing samples: their arrival time is unknown
             seen: deque[Seen] = deque(maxlen=window)
             due, fresh = time.monotonic() + _PERIOD, False
-            for samples in stream.looks(topic, view, reader, timeout):
+            for samples in stream.batches(topic, view, reader, timeout):
                 now = time.time()
                 for sample in samples:
                     written = stamp(sample)
