@@ -78,7 +78,7 @@ def _call(section: str, name: str, timeout: str) -> tuple[Key, ...]:
     return (
         Key(section, name, "string", "", f"Name of the {name}.", required=True),
         Key(section, "type", "string", "", f"Type of the {name}, `package/Name`.", required=True),
-        _choice(section, "server", ("plc", "ros"), "Side that is the server."),
+        _choice(section, "server", ("plc", "ros"), "Whether the PLC or ROS is the server."),
         Key(section, "timeout", "number", 1.0, timeout, least=0.001, most=MAX_SECONDS, unit="seconds"),
     )
 
@@ -132,7 +132,7 @@ KEYS = (
     Key("regions", "group", "string", "", "Group of the files of a region; if empty, the group of the process.",
         pattern=".+", rule='must be the name of a group, such as "plc"'),
     _choice("regions", "sync", ("lock", "sequence"),
-            "`sequence` uses no lock; required between 32-bit and 64-bit sides."),
+            "`sequence` uses no lock; required between 32-bit and 64-bit programs."),
     _choice("bridge", "backend", BACKENDS, "Middleware to connect to; `auto` selects the first that is installed."),
     Key("bridge", "node", "string", "shmgen_bridge", "Name of the bridge's ROS node.", pattern="[A-Za-z_][A-Za-z0-9_]*",
         rule="must have letters, digits and _, and no digit first"),
