@@ -342,13 +342,18 @@ def test_the_graph_knows_us(rows: Graph, space: str) -> None:
     name = f"{space}/in".replace("/", "%")
     bridge, peer = rows.bridge(both_ways(space)), rows.peer()
     peer.ask(do="subscribe", topic=f"{space}/in", type="cell_msgs/msg/Row")
-    ours, theirs = [], []
     met(peer, "/NN/%/%/shmgen_bridge$")
-    met(peer, f"/MS/.*/shmgen_bridge/{name}/")
-    for token in peer.ask(do="graph"):
-        parts = token.split("/")
-        if len(parts) == 13 and parts[9] == name:
-            (ours if parts[8] == "shmgen_bridge" else theirs).append([*parts[:2], parts[5], *parts[9:12]])
+
+    def of_both() -> tuple[list[Any], list[Any]] | None:
+        """The tokens of the topic, once an answer has them: one answer may lack some."""
+        ours, theirs = [], []
+        for token in peer.ask(do="graph"):
+            parts = token.split("/")
+            if len(parts) == 13 and parts[9] == name:
+                (ours if parts[8] == "shmgen_bridge" else theirs).append([*parts[:2], parts[5], *parts[9:12]])
+        return (ours, theirs) if ours and theirs else None
+
+    ours, theirs = wait_for(of_both, "the tokens of both")
     assert len(ours) == 1
     assert ours == theirs
     bridge.stop(signal.SIGTERM)
