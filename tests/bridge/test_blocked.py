@@ -19,7 +19,7 @@ from shmgen.live.session import Session
 from shmgen.runtime.region import header as h
 
 from ..conftest import REPOSITORY
-from ..support.ros1 import Bridge, wait_for
+from ..support.ros1 import LIMIT, Bridge, wait_for
 from ..support.standby import file_of, words_of
 
 pytestmark = pytest.mark.skipif(watchdog.ALARM is None, reason="the extension was not compiled")
@@ -160,3 +160,22 @@ def test_ends_that_ros_does_not_create_stop_no_other_topic(blocked: Callable[...
     one.bridge.wait_for_line(f"sent {one.topics['out']}")
     one.process.send_signal(signal.SIGTERM)
     assert one.ended(3 * BUSY) == 0
+
+
+FLOOD = """
+import os, signal
+from shmgen.bridge.run import _Signals
+signals = _Signals()
+if not (child := os.fork()):
+    for _ in range(50_000):
+        os.kill(os.getppid(), signal.SIGUSR1)
+    os._exit(0)
+while os.waitpid(child, os.WNOHANG) == (0, 0):
+    signals.stop.wait(0)
+    signals.counters.clear()
+"""
+
+
+def test_a_signal_between_any_two_instructions_blocks_nothing() -> None:
+    """Handlers run in the main thread, also while it waits or clears: a lock that it holds then must not be needed."""
+    subprocess.run([sys.executable, "-c", FLOOD], check=True, timeout=LIMIT)

@@ -24,6 +24,7 @@ from shmgen.bridge.endpoint import Side
 from shmgen.bridge.sides import BEAT, Sides
 from shmgen.config import Config
 from shmgen.core.diagnostics import Rejected
+from shmgen.core.flag import Flag
 from shmgen.live.session import Session
 
 _STATUS_SIZE = 2048
@@ -45,10 +46,10 @@ class NothingListed(ValueError):
 
 
 class _Signals:
-    """Events that signals set: `stop` by SIGINT and SIGTERM, `counters` by SIGUSR1, and `reload` by SIGHUP."""
+    """Flags that signals set: `stop` by SIGINT and SIGTERM, `counters` by SIGUSR1, and `reload` by SIGHUP."""
 
     def __init__(self) -> None:
-        self.stop, self.counters, self.reload = (threading.Event() for _ in range(3))
+        self.stop, self.counters, self.reload = (Flag() for _ in range(3))
         signal.signal(signal.SIGUSR1, lambda number, frame: self.counters.set())
         signal.signal(signal.SIGHUP, lambda number, frame: self.reload.set())
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -231,7 +232,7 @@ def _watch(
 
 
 def _reload(
-    before: Config, load: Callable[[], Config], node: Node, sides: Sides, backend: Backend, stop: threading.Event
+    before: Config, load: Callable[[], Config], node: Node, sides: Sides, backend: Backend, stop: Flag
 ) -> str:
     """Read shmgen.toml again and switch to the new configuration. Return the lines to log.
 
@@ -248,7 +249,7 @@ def _reload(
     return "\n".join([f"shmgen.toml was read again: {_counts_text(config)}{again}", *summary(sides)])
 
 
-def _load_settled(load: Callable[[], Config], stop: threading.Event) -> Config:
+def _load_settled(load: Callable[[], Config], stop: Flag) -> Config:
     """Read shmgen.toml until two reads are equal, because editors and `cp` empty a file before they write to it."""
     before: Config | str | None = None
     while True:
