@@ -231,9 +231,7 @@ def _watch(
             return
 
 
-def _reload(
-    before: Config, load: Callable[[], Config], node: Node, sides: Sides, backend: Backend, stop: Flag
-) -> str:
+def _reload(before: Config, load: Callable[[], Config], node: Node, sides: Sides, backend: Backend, stop: Flag) -> str:
     """Read shmgen.toml again and switch to the new configuration. Return the lines to log.
 
     Raises Rejected or ValueError as run() does, and NothingListed. After an error, the bridge continues with the
