@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from enum import Enum
 from functools import partial
 from typing import Any
 
@@ -16,15 +15,10 @@ _LARGE = 4096
 """The size of a sample in bytes from which copying its arrays dominates the conversion time."""
 
 
-class WireFormat(Enum):
-    """The serialization format of a ROS version."""
-
-    CDR = "ROS 2"
-    ROS1 = "ROS 1"
-
-
 class Transcoder:
     """Converts the samples of one message class to serialized ROS messages, and back."""
+
+    __slots__ = ("_from_wire", "_kind", "_stamp", "_to_wire")
 
     def __init__(self, kind: type[Message], stamp: tuple[str, ...] = ()) -> None:
         """Prepare the conversion. `stamp` is the path to the time stamp. encode() fills in a time stamp of zero."""
@@ -36,23 +30,24 @@ class Transcoder:
     def encode(
         self,
         payload: bytes | bytearray,
-        wire_format: WireFormat = WireFormat.CDR,
         now: Callable[[], Time] = Time,
+        is_ros1: bool = False,
     ) -> bytes:
         """Return the serialized message for `payload`, the bytes of a sample. `now` returns the time for a zero stamp.
 
+        The format is CDR, or the serialization of ROS 1 if `is_ros1` is true.
         Raises ValueRejected if a value is invalid.
         """
         at, seconds, nanos = -1, 0, 0
         if self._stamp and not any(payload[self._stamp]):
             at, (seconds, nanos) = self._stamp.start, now()
-        data: bytes = self._to_wire(payload, wire_format is WireFormat.ROS1, False, at, seconds, nanos)
+        data: bytes = self._to_wire(payload, is_ros1, False, at, seconds, nanos)
         return data
 
-    def decode(self, data: bytes, wire_format: WireFormat) -> Message | None:
+    def decode(self, data: bytes, is_ros1: bool = False) -> Message | None:
         """Convert a serialized message to a sample. Return None on failure: the caller then uses another decoder."""
         try:  # suppress() would take as long as from_buffer()
-            return self._kind.from_buffer(self._from_wire(data, wire_format is WireFormat.ROS1))
+            return self._kind.from_buffer(self._from_wire(data, is_ros1))
         except ValueError:
             return None
 

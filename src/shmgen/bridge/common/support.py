@@ -11,7 +11,6 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 from shmgen.bridge.backend import MessageSink, NoAnswer, Node, Wire
-from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.common.counters import Counters, describe
 from shmgen.config.keys import MAX_DOMAIN
 from shmgen.runtime import Time
@@ -39,7 +38,7 @@ def domain_without_ros(node: Node, backend: str) -> int:
 
 
 def from_bytes(
-    wire: Wire, decode: Callable[[bytes], Any], wire_format: WireFormat, sink: MessageSink
+    wire: Wire, decode: Callable[[bytes], Any], sink: MessageSink, is_ros1: bool = False
 ) -> Callable[[bytes], None]:
     """Return a function that decodes a serialized ROS message and passes the message to `sink`.
 
@@ -52,7 +51,7 @@ def from_bytes(
             sink.reject(f"{len(data):,} bytes, and more than {wire.largest:,} do not fit its region")
             return
         try:
-            message = (wire.direct and wire.direct.decode(data, wire_format)) or decode(data)
+            message = (wire.direct and wire.direct.decode(data, is_ros1)) or decode(data)
         except ValueError as error:
             sink.reject(str(error))
             return
@@ -62,7 +61,7 @@ def from_bytes(
 
 
 def payload_sender(
-    wire: Wire, wire_format: WireFormat, now: Callable[[], Time], send: Callable[[bytes], None]
+    wire: Wire, now: Callable[[], Time], send: Callable[[bytes], None], is_ros1: bool = False
 ) -> Callable[[bytes], None] | None:
     """Return a function that converts the bytes of a sample to a serialized ROS message, and passes this to `send`.
 
@@ -70,7 +69,7 @@ def payload_sender(
     """
     if (direct := wire.direct) is None:
         return None
-    return lambda payload: send(direct.encode(payload, wire_format, now))
+    return lambda payload: send(direct.encode(payload, now, is_ros1))
 
 
 def guarded(function: Callable[..., None], name: str, log: Callable[[str], None], *passes: type[Exception]) -> Any:

@@ -24,7 +24,6 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.cdr import Codec, codec
-from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
 from shmgen.bridge.common.peers import Peers
@@ -90,7 +89,7 @@ class Graph(Backend):
         self.undo.append(writer.__del__)
         for handle in matches(writer):  # peers that matched before the writer was returned
             matched(writer, handle)
-        send_payload = payload_sender(wire, WireFormat.CDR, self.now, partial(send, writer))
+        send_payload = payload_sender(wire, self.now, partial(send, writer))
         acknowledged = partial(is_acknowledged, writer)
 
         def qos_problem() -> str:
@@ -105,7 +104,7 @@ class Graph(Backend):
         cdr = codec(wire.messages)
         name = topic_name(wire.name)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._ends.log, wire.accepts_other)
-        deliver = from_bytes(wire, cdr.decode, WireFormat.CDR, sink)
+        deliver = from_bytes(wire, cdr.decode, sink)
 
         def fail(why: str) -> None:
             sink.refuse(peer) if (peer := subscription.end[1].incompatible_peer) else sink.reject(why)

@@ -31,7 +31,6 @@ from shmgen.bridge.backend import (
     ServiceWire,
     Wire,
 )
-from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_answer, from_bytes, payload_sender
 from shmgen.bridge.ros1 import actions as ros1_actions
 from shmgen.bridge.ros1 import types
@@ -80,7 +79,7 @@ class Ros1(Backend):
         def publish(data: bytes) -> None:
             publisher.publish(raw(data))
 
-        return RosPublisher(kind, send, payload_sender(_checked(wire, kind), WireFormat.ROS1, self.now, publish))
+        return RosPublisher(kind, send, payload_sender(_checked(wire, kind), self.now, publish, is_ros1=True))
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind = types.message(wire.messages)
@@ -91,7 +90,7 @@ class Ros1(Backend):
             except genpy.DeserializationError as error:
                 raise ValueError(str(error)) from None
 
-        deliver = from_bytes(_checked(wire, kind), decode, WireFormat.ROS1, sink)
+        deliver = from_bytes(_checked(wire, kind), decode, sink, is_ros1=True)
         # Without a queue_size rospy delivers every message that a socket received.
         subscription = rospy.Subscriber(
             wire.name, types.raw(kind), lambda message: deliver(message.data), tcp_nodelay=True

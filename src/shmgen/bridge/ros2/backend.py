@@ -39,7 +39,6 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.cdr import Codec, codec
-from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
 from shmgen.bridge.common.peers import Peers
@@ -130,7 +129,7 @@ class Ros2(Backend):
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind, cdr = types.message(wire.messages), _codec(wire.messages)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._log, wire.accepts_other)
-        deliver = from_bytes(replace(wire, direct=None), cdr.decode, WireFormat.CDR, sink)
+        deliver = from_bytes(replace(wire, direct=None), cdr.decode, sink)
         find = self._node.get_publishers_info_by_topic
         name = self._node.resolve_topic_name(wire.name)
         is_fixed = f"qos_overrides.{name}.subscription.reliability" in self._node._parameter_overrides

@@ -33,7 +33,6 @@ from shmgen.bridge.backend import (
     Wire,
 )
 from shmgen.bridge.codec.cdr import codec
-from shmgen.bridge.codec.direct import WireFormat
 from shmgen.bridge.codec.type_identity import Identity
 from shmgen.bridge.common.peers import Peers
 from shmgen.bridge.common.support import (
@@ -93,7 +92,7 @@ class Zenoh(Backend):
             with lock:  # sends in the order of the numbers
                 out.put(data, attachment=attachment(next(numbers), token.gid))
 
-        send_payload = payload_sender(wire, WireFormat.CDR, self.now, send)
+        send_payload = payload_sender(wire, self.now, send)
         return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_payload)
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
@@ -101,7 +100,7 @@ class Zenoh(Backend):
         cdr = codec(wire.messages)
         place = Place(wire.name, wire.type, cdr.type_hash)
         identity = Identity(*place, self._log, wire.accepts_other)
-        deliver = from_bytes(wire, cdr.decode, WireFormat.CDR, sink)
+        deliver = from_bytes(wire, cdr.decode, sink)
         newest: dict[bytes, int] = {}
 
         def take(sample: Any) -> None:

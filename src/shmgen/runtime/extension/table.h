@@ -148,8 +148,8 @@ bool put_parts(const Step *step, unsigned char *into, int64_t seconds, int64_t n
 void parts_from(const Step *step, const unsigned char *from, int64_t *seconds, int64_t *nanos);
 bool put_by_python(const Table *self, const Step *step, unsigned char *into, PyObject *value, Py_ssize_t index);
 
-PyObject *table_to_wire(PyObject *table, PyObject *arguments);
-PyObject *table_from_wire(PyObject *table, PyObject *arguments);
+PyObject *table_to_wire(PyObject *table, PyObject *const *arguments, Py_ssize_t count);
+PyObject *table_from_wire(PyObject *table, PyObject *const *arguments, Py_ssize_t count);
 size_t wire_most(const Step *step, const Step *end);
 PyObject *table_encode(PyObject *table, PyObject *arguments);
 PyObject *table_decode(PyObject *table, PyObject *arguments);

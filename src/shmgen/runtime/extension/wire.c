@@ -194,32 +194,39 @@ size_t wire_most(const Step *step, const Step *end)
     return most;
 }
 
+static bool has_arguments(Py_ssize_t count, Py_ssize_t expected)
+{
+    return count == expected || PyErr_Format(PyExc_TypeError, "%zd arguments, expected %zd", count, expected) != NULL;
+}
+
 /* to_wire(payload, is ROS 1, is big-endian, offset of the stamp or -1, seconds, nanoseconds): return the serialized
  * message. The seconds and nanoseconds replace the stamp if it is zero. */
-PyObject *table_to_wire(PyObject *object, PyObject *arguments)
+PyObject *table_to_wire(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
 {
     const Table *self = (Table *)object;
     Wire wire = {.self = self, .room = self->wire_most};
     codec_buffer view;
-    PyObject *payload, *result = NULL;
+    PyObject *result = NULL;
     unsigned char *buffer;
-    int is_ros1, is_big;
-    long long seconds, nanos;
+    bool is_big;
     size_t head;
-    if (!PyArg_ParseTuple(arguments, "OppnLL", &payload, &is_ros1, &is_big, &wire.stamp_at, &seconds, &nanos) ||
-        PyObject_GetBuffer(payload, &view, PyBUF_SIMPLE) != 0)
+    if (!has_arguments(count, 6))
         return NULL;
-    head = is_ros1 ? 0 : 4;
+    wire.is_ros1 = PyObject_IsTrue(arguments[1]) != 0;
+    is_big = PyObject_IsTrue(arguments[2]) != 0;
+    wire.stamp_at = PyLong_AsSsize_t(arguments[3]);
+    wire.stamp[0] = PyLong_AsLongLong(arguments[4]);
+    wire.stamp[1] = PyLong_AsLongLong(arguments[5]);
+    if (PyErr_Occurred() != NULL || PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
+        return NULL;
+    head = wire.is_ros1 ? 0 : 4;
     buffer = (size_t)view.len == self->size ? PyMem_Malloc(head + self->wire_most) : NULL;
     if (buffer != NULL) {
         const unsigned char words[4] = {0, !is_big, 0, 0};
         memcpy(buffer, words, head);
         wire.payload = view.buf;
         wire.bytes = buffer + head;
-        wire.is_ros1 = is_ros1;
         wire.swaps = is_big;
-        wire.stamp[0] = seconds;
-        wire.stamp[1] = nanos;
         if (encode_fields(&wire, self->steps, self->steps + self->count, wire.payload))
             result = PyBytes_FromStringAndSize((char *)buffer, (Py_ssize_t)(head + wire.at));
     } else if ((size_t)view.len == self->size) {
@@ -370,17 +377,17 @@ static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigne
 }
 
 /* from_wire(data, is ROS 1): return the payload as a bytearray. */
-PyObject *table_from_wire(PyObject *object, PyObject *arguments)
+PyObject *table_from_wire(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
 {
     const Table *self = (Table *)object;
     Wire wire = {.self = self};
     codec_buffer view;
-    PyObject *data, *result;
-    int is_ros1;
+    PyObject *result;
+    bool is_ros1, is_complete;
     size_t head;
-    bool is_complete;
-    if (!PyArg_ParseTuple(arguments, "Op", &data, &is_ros1) || PyObject_GetBuffer(data, &view, PyBUF_SIMPLE) != 0)
+    if (!has_arguments(count, 2) || PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
         return NULL;
+    is_ros1 = PyObject_IsTrue(arguments[1]) != 0;
     result = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->size);
     head = is_ros1 ? 0 : 4;
     is_complete = result != NULL && (size_t)view.len >= head;
