@@ -138,6 +138,7 @@ def test_every_word_is_where_it_was_agreed_to_be(language: str, tmp_path: Path) 
 
 
 @each_language
+@pytest.mark.family("[C]")
 def test_two_words_swapped_or_one_moved_are_seen(language: str, tmp_path: Path) -> None:
     """Any two of one size, and each that has room behind it: no language goes on as agreed."""
     wrong = [*swapped(), *moved()]

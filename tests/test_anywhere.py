@@ -78,9 +78,9 @@ def generate(python: str, folder: Path, packages: Path, environment: dict[str, s
     return tree(folder / "generated")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
-@pytest.mark.family("[3.10-here]")
 def test_the_same_bytes(version: str, place: str, pure: Path, tmp_path: Path) -> None:
     python = interpreter(version)
     if not python:

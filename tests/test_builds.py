@@ -45,9 +45,9 @@ int main(void) { printf("%zu\\n", sizeof(shm_demo_msgs_Robot)); return 0; }
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
 @pytest.mark.parametrize("generator", ["Unix Makefiles", "Ninja"])
-@pytest.mark.family("[Unix Makefiles]")
 def test_cmake_generates_when_a_definition_changes(tmp_path: Path, generator: str) -> None:
     """From an installed interface package, as it lies below share/, one beside CMakeLists.txt, one far from both."""
     if generator == "Ninja" and shutil.which("ninja") is None:
@@ -155,6 +155,7 @@ const char *shmgen_status_text(int status);
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
 def test_a_language_that_is_not_c_links_the_library(tmp_path: Path, topic: str) -> None:
     """Python through cffi, which knows of the library what is declared here and nothing of the headers."""

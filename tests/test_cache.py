@@ -95,6 +95,7 @@ def test_what_belongs_to_another_user_does_not_count(folder: Path, whose: int, r
     assert as_user(reader, told) == "None\n"
 
 
+@pytest.mark.slow
 @root_only
 def test_what_another_user_planted_never_counts(base: Path, folder: Path) -> None:
     """Root's own cache, on the other hand, is used: so what was planted would have counted."""
@@ -174,6 +175,7 @@ def test_it_can_be_turned_off(
     assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_a_check_without_cache_is_made_in_full(folder: Path, tmp_path: Path) -> None:
     """Not answered from what was remembered, which is told apart here by a word of its own."""
     run(["generate", "std_msgs/Empty"], tmp_path)

@@ -17,6 +17,7 @@ def play(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++: apt-get install g++")
 def test_killed_at_any_instant_nothing_is_torn_lost_or_stuck() -> None:
     """The limit is wide here, where other tests take the processors; `make chaos` holds 1.2 s."""
@@ -25,8 +26,8 @@ def test_killed_at_any_instant_nothing_is_torn_lost_or_stuck() -> None:
     assert "nothing torn, nothing lost, nobody stuck, nothing left over" in result.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", PLANTED)
-@pytest.mark.family("[one_look]")
 def test_a_planted_fault_is_found(fault: str) -> None:
     result = play("--seconds", "120", "--fault", fault)
     assert result.returncode == 1, result.stdout + result.stderr

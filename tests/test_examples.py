@@ -68,6 +68,7 @@ def test_a_missing_package_is_named_before_anything_takes_long(name: str) -> Non
     assert done.stderr.endswith(f"pip install {' '.join(ASKS[name])}\n")
 
 
+@pytest.mark.slow
 def test_without_the_stand_in_for_a_plc_no_demo_ends_in_a_traceback() -> None:
     """blark comes with `make demo`, and with no other installation."""
     without = "import runpy, sys; sys.modules['blark'] = None; runpy.run_path(sys.argv[1], run_name='__main__')"
@@ -109,7 +110,7 @@ def run_and_kill_the_rest(command: list[str | Path], environment: dict[str, str]
         for example in sorted(set(SAYS) - APART)
     ],
 )
-@pytest.mark.family("[moving_pose]", "[robot_task]")
+@pytest.mark.family("[moving_pose]")
 def test_example(example: str) -> None:
     if example != "moving_pose" and not shutil.which("g++"):
         pytest.skip("no g++: apt-get install g++")

@@ -51,6 +51,7 @@ def test_files_made_from_a_grammar(folder: Path, fuzzed: Fuzzed) -> None:
         read(fuzzed, folder)
 
 
+@pytest.mark.slow
 @given(made | real)
 @settings(careless, max_examples=50)
 def test_what_is_generated_is_what_each_language_takes(folder: Path, fuzzed: Fuzzed) -> None:
@@ -75,7 +76,7 @@ def assert_well_formed(texts: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("kind", foreign.KINDS)
-@pytest.mark.family("[mcap]", "[st]")
+@pytest.mark.family("[mcap]")
 def test_files_of_others_that_were_damaged(kind: str) -> None:
     readable, _, failed = run_foreign(kind, 1)
     assert (readable > 0, failed) == (True, [])

@@ -114,6 +114,7 @@ def test_python_carries_the_defaults_to_and_fro(tmp_path: Path) -> None:
     assert {"geometry_msgs/msg/Pose", "demo_msgs/msg/Everything", "demo_msgs/msg/Log"} <= set(done.stdout.split())
 
 
+@pytest.mark.slow
 def test_python_passes_ruff_and_mypy(tmp_path: Path) -> None:
     for case in CASES:
         put({path: text for path, text in generated(case).items() if path.startswith("python/")}, tmp_path)

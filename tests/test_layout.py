@@ -49,6 +49,7 @@ def one(*fields: tuple[str, object]) -> Layout:
     return layouts_of(Schema((Message(name, made, (), span, "", ""),), frozenset({name})))[name]
 
 
+@pytest.mark.slow
 @given(schemas(), OPTIONS)
 def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
     for layout in layouts_of(schema, options).values():
@@ -92,6 +93,7 @@ def assert_same_bytes(kind: type[ctypes.Structure], layout: Layout) -> None:
     assert [(field.offset, field.size) for field in fields] == [(slot.offset, slot.size) for slot in layout.slots]
 
 
+@pytest.mark.slow
 def test_gcc_agrees_with_random_schemas(tmp_path: Path) -> None:
     """One compile for many schemas: a compiler inside a shrinking loop takes minutes for one failure."""
     made: list[tuple[Layouts, str]] = []
@@ -214,6 +216,7 @@ def test_digest_changes_with_the_layout(changed: tuple[tuple[str, object], ...])
     assert one(*changed).digest != one(*BASE).digest
 
 
+@pytest.mark.slow
 @given(schemas(), schemas())
 def test_equal_digest_means_equal_layout(one: Schema, other: Schema) -> None:
     first, second = layouts_of(one), layouts_of(other)

@@ -41,12 +41,14 @@ def test_a_line_or_a_file_beyond_all_measure(text: str, code: str, tmp_path: Pat
     assert len(str(finding)) < 1000
 
 
+@pytest.mark.slow
 def test_messages_a_thousand_deep(tmp_path: Path) -> None:
     files = {f"M{number}": f"M{number + 1} next" for number in range(1000)}
     findings = refused(tmp_path, {**files, "Foo": "M0 first", "M1000": "int8 last"})
     assert {finding.code for finding in findings} == {"SHM304"}
 
 
+@pytest.mark.slow
 def test_a_ring_of_a_thousand_messages(tmp_path: Path) -> None:
     files = {f"M{number}": f"M{(number + 1) % 1000} next" for number in range(1000)}
     (finding,) = refused(tmp_path, {**files, "Foo": "M0 first"})
@@ -64,8 +66,8 @@ FLOODS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("line", "code", "told"), FLOODS.values(), ids=FLOODS)
-@pytest.mark.family("[open sequences]")
 def test_a_flood_of_one_mistake(line: str, code: str, told: int, tmp_path: Path) -> None:
     many = MANY // 2 if line.count("\n") > 1 else MANY
     findings = refused(tmp_path, {"Foo": "".join(line.format(number) for number in range(many))})

@@ -249,8 +249,8 @@ def opened(program: open_plc.Program, topic: str) -> tuple[dict[str, Any], list[
     return ends, took
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "state"), BLOCKS)
-@pytest.mark.family("[openplc-v4-publisher-usual]")
 def test_blocks_of_open_plcs(program: open_plc.Program, topic: str, name: str, state: str) -> None:
     ends, _ = opened(program, topic)
     bring(state, topic, ends["publisher"])

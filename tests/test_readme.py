@@ -58,16 +58,7 @@ def tidied(page: Path, tmp_path: Path) -> Iterator[None]:
     "page", [page for page in PAGES if "```console" in page.read_text()], ids=lambda page: page.name
 )
 @pytest.mark.usefixtures("tidied")
-@pytest.mark.family(
-    "[README.md]",
-    "[tutorial-",
-    "[services.md]",
-    "[python.md]",
-    "[definitions.md]",
-    "[configuration.md]",
-    "[import.md]",
-    "[bridge.md]",
-)
+@pytest.mark.family("[README.md]", "[python.md]", "[definitions.md]", "[configuration.md]")
 def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool, alone: list[str]) -> None:
     """In order, in one folder. A block that names no file is saved under its name in FILES."""
     if "run_plc.py" in page.read_text() and not shutil.which("g++"):

@@ -10,6 +10,7 @@ import sys
 import time
 from types import SimpleNamespace
 
+import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader as RosbagsReader
@@ -218,6 +219,7 @@ def test_killed_and_still_readable(topic, registry, tmp_path):
     assert found == []
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_leaves_a_readable_bag(topic, registry, tmp_path):
     kind = registry.message("geometry_msgs/msg/PoseStamped")
 

@@ -129,6 +129,7 @@ def test_a_signal_ends_a_process_that_a_library_blocks(
     one.bridge.wait_for_line(r"blocking_bridge.py.* in block")
 
 
+@pytest.mark.slow
 def test_a_signal_ends_a_process_whose_library_blocks_while_it_leaves(blocked: Callable[..., Blocked]) -> None:
     one = blocked("close", "held")
     one.bridge.wait_for_line("^running")

@@ -93,6 +93,7 @@ def outcome(
 
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.family("[memory-")
 def test_it_is_kept(outcome: dict[str, str], check: Callable[[contract.Scene], None]) -> None:
     assert outcome.get(check.__name__, "it was never run") == ""
 
@@ -266,6 +267,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("fault", BROKEN, ids=lambda fault: fault.__name__)
+@pytest.mark.family("[without_latch]", "[deaf]", "[forgetting]")
 def test_a_broken_one_is_found(
     memory: ModuleType, fault: Callable[[ModuleType, Any], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

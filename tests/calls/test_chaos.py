@@ -8,6 +8,7 @@ from ..support.plc_calls import Calls
 from . import chaos, chaos_ends
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "seconds"),
     [
@@ -15,7 +16,6 @@ from . import chaos, chaos_ends
         *(("python_goals", 3.0), ("plc_serves_goals", 10.0), ("plc_sends_goals", 5.0), ("plc_goals", 5.0)),
     ],
 )
-@pytest.mark.family("python_alone")
 def test_every_call_ends_and_none_in_the_answer_to_another(
     compiled_calls: Calls, monkeypatch: pytest.MonkeyPatch, scene: str, seconds: float
 ) -> None:
@@ -41,7 +41,7 @@ def test_every_call_ends_and_none_in_the_answer_to_another(
         ("plc_asks", "any_reply", "got the answer to another"),
     ],
 )
-@pytest.mark.family("[python_alone-python_client", "[plc_asks")
+@pytest.mark.family("[plc_asks")
 def test_a_planted_fault_is_found(compiled_calls: Calls, scene: str, fault: str, found: str) -> None:
     """A PLC that answers old calls is found by plc/test_services.py; here it takes its time."""
     verdict = chaos.run(compiled_calls.folder, scene, 10**6, seed=1, fault=fault, longest=120.0)

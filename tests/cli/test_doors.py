@@ -108,6 +108,7 @@ def test_a_peer_begins_no_line_of_the_bridges_log(capsys: pytest.CaptureFixture[
     "command",
     [["check"], ["list"], ["generate", "std_msgs/Bool"], ["show", "-I", "msgs", "a_msgs/A"], ["show", "msgs/A.msg"]],
 )
+@pytest.mark.family("[command0]", "[command1]")
 def test_a_folder_that_the_user_may_not_search_is_named(command: list[str], tmp_path: Path) -> None:
     """Not SHM901, a fault of shmgen. What the command loads is loaded before this process becomes the other user."""
     (tmp_path / "msgs").mkdir()

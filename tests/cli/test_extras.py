@@ -43,6 +43,7 @@ def test_it_names_itself(extra: str, words: list[str], line: str, tmp_path: Path
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_bags_need_none(tmp_path: Path, topic: str) -> None:
     """Nothing would be saved: what they read and write with, the definitions need too."""
     extras = ("view", "dds", "zenoh")

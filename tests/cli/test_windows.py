@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from shmgen import __version__
 
 from ..support.command import run, tree
@@ -73,6 +75,7 @@ def test_it_works_without_what_only_linux_has(tmp_path: Path) -> None:
     assert said == [f"command line: error[SHM702]: `shmgen {command.split()[0]}` {place}" for command in live]
 
 
+@pytest.mark.slow
 def test_no_command_of_help_is_a_fault_of_ours(tmp_path: Path) -> None:
     """Each as it is typed first: by itself, with something behind it, and --help of it."""
     listed = run(["--help"], tmp_path).stdout.partition("Generate:\n")[2]

@@ -74,6 +74,7 @@ def test_while_files_are_written_nobody_else_writes(monkeypatch: pytest.MonkeyPa
     assert staged
 
 
+@pytest.mark.slow
 def test_many_at_once(tmp_path: Path) -> None:
     commands = [configured(tmp_path, bound) for bound in (3, 4, 5, 6)]
     for _ in range(3):
@@ -160,6 +161,7 @@ def test_a_link_to_the_folder_itself_is_the_users_own(tmp_path: Path) -> None:
     "command",
     ["list", "types", "show std_msgs/Bool", "show std_msgs/Bool --svg", "explain SHM001", "--help", "check -t c"],
 )
+@pytest.mark.family("[list]", "[--help]")
 def test_a_full_disk_for_what_is_printed(tmp_path: Path, command: str) -> None:
     assert run(["generate", "-q", "-t", "c", "std_msgs/Bool"], tmp_path).code == 0
     for _ in range(2):  # a check that is remembered prints on a way of its own
@@ -212,6 +214,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.family("[a name]", "[no TOML]")
 def test_a_damaged_lock_is_told_by_tools(tmp_path: Path, topic: str, damage: str) -> None:
     for name, bound in (("shmgen.toml", 3), ("other.toml", 5)):
         text = f'messages = ["sensor_msgs/JointState"]\n[bounds]\n"sensor_msgs/JointState" = {bound}\n'

@@ -113,9 +113,9 @@ def test_an_end_keeps_to_it(
         scene(peer, srv, topic)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", SOURCES)
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.family("old calls are served-c]")
 def test_a_fault_is_found(
     fault: str,
     language: str,
@@ -192,6 +192,7 @@ def test_a_goal_that_nobody_took_can_be_cancelled(
             assert client.result(timeout=20).status == CANCELED
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_ends_the_call(tmp_path: Path, topic: str) -> None:
     """At once, and whoever sent it; so do names that cannot be."""
     lists = "uint8[<=4] codes\n---\nuint8[<=4] codes\n"

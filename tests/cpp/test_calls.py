@@ -200,6 +200,7 @@ def test_cpp_serves_goals_of_python(serve: Callable[[str, str], Any], action: Mo
         assert client.result(timeout=20).status == SUCCEEDED, "the newer one"
 
 
+@pytest.mark.slow
 def test_where_the_lock_is_needed_a_dead_holder_ends_no_server(program: Path, generated: Path, topic: str) -> None:
     """Of either region: the call lasts until it is healed, and a time limit is a time limit."""
     options = ["-DSHMGEN_KEEPS_ORDER=0"]

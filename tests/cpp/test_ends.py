@@ -88,14 +88,14 @@ REFUSED = {
 
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("line", REFUSED)
-@pytest.mark.family("publisher.loan();-g++", "subscriber.read();-g++")
+@pytest.mark.family("publisher.loan();-g++")
 def test_what_a_compiler_refuses(line: str, compiler: str, of_all: Path) -> None:
     errors = errors_of(line, compiler, of_all)
     assert re.search(REFUSED[line], errors), errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.family("[g++]")
 def test_a_class_is_the_same_without_exceptions(compiler: str, of_all: Path) -> None:
     """Files of one program may differ in `-fno-exceptions`, so all of them must declare the same members."""
     for end in ("AllPublisher", "AllSubscriber"):

@@ -31,8 +31,8 @@ def program(generated: Path, machine: str) -> list[str]:
     return [emulator, str(cpp_peer.compiled(generated, machine, *sources, options=["-static"], compiler=compiler))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", MACHINES)
-@pytest.mark.family("[i386]")
 def test_it_writes_and_reads(machine: str, generated: Path, topic: str) -> None:
     """Goes on without the lock where the machine keeps the order of loads and stores, elsewhere when it is healed."""
     done = subprocess.run([*program(generated, machine), "self", topic], capture_output=True, text=True, check=False)

@@ -24,6 +24,7 @@ take over what has changed: lock_holder -> the lock was not free in time
 then `completed`; the reader looks again behind its copy, and nothing passes the fence between."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="elsewhere a read takes the lock")
 def test_words_are_touched_in_this_order(generated: Path, topic: str) -> None:
     program = cpp_peer.compiled(generated, "order", HERE / "order.c")
@@ -31,6 +32,7 @@ def test_words_are_touched_in_this_order(generated: Path, topic: str) -> None:
     assert done.stdout == ORDER.lstrip()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="elsewhere a read takes the lock")
 def test_a_reader_that_is_slower_than_the_writer_still_gets_samples(generated: Path, topic: str) -> None:
     program = cpp_peer.compiled(generated, "slow_reader", HERE / "slow_reader.c")

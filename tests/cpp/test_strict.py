@@ -49,8 +49,8 @@ def test_no_warning(compiler: str, standard: str, headers: Path) -> None:
         compile_all(command, root, ending)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", ["c", "c++"])
-@pytest.mark.family("[c]")
 def test_no_warning_under_the_thread_sanitizer(language: str, headers: Path) -> None:
     """gcc warns about fences in code that it emits, so every function is kept."""
     if language == "c++" and shutil.which("g++") is None:

@@ -98,6 +98,7 @@ def logged(bridge: Bridge, text: str) -> int:
     return sum(text in line for line in list(bridge.lines))
 
 
+@pytest.mark.slow
 def test_a_topic_that_a_plc_takes_over_is_sought_again(six: Cell) -> None:
     with six.onlooker("a") as looks, a_plc_writes(f"{six.topic}/a"):
         until(lambda: six.state("a")[0] == ERROR)
@@ -116,6 +117,7 @@ def test_a_topic_that_a_plc_takes_over_is_sought_again(six: Cell) -> None:
     six.bridge.stop(signal.SIGTERM)
 
 
+@pytest.mark.slow
 def test_a_region_that_a_plc_made_anew_holds_up_no_other(six: Cell) -> None:
     """It is watched for 1.1 s, for nobody knows whether that PLC still runs."""
 
@@ -129,6 +131,7 @@ def test_a_region_that_a_plc_made_anew_holds_up_no_other(six: Cell) -> None:
     assert max(looks.longest.values()) < LONGEST, looks.longest
 
 
+@pytest.mark.slow
 def test_files_that_are_no_regions_hold_up_no_other(six: Cell) -> None:
     strange = file_of(f"{six.topic}/strange_")
     with six.onlooker("abcde") as looks:
@@ -145,6 +148,7 @@ def test_files_that_are_no_regions_hold_up_no_other(six: Cell) -> None:
     assert logged(six.bridge, "not a region of shmgen") == 5
 
 
+@pytest.mark.slow
 def test_what_waits_in_a_region_that_is_removed_still_crosses(six: Cell) -> None:
     """Nothing of what the PLC wrote is lost uncounted when it makes its region anew."""
     written = 0
@@ -221,6 +225,7 @@ def test_a_reload_changes_what_has_changed_and_nothing_else(six: Cell, graph: ba
     assert not logged(six.bridge, "Traceback")
 
 
+@pytest.mark.slow
 def test_systemd_hears_that_it_is_ready_alive_and_ending(cell: Domain, topic: str) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(address := str(cell.folder / "notify"))

@@ -85,7 +85,7 @@ def library(cell: Domain, topic: str) -> Path:
     return cell.folder / "plc" / "plc.so"
 
 
-@pytest.mark.family("[cyclone]")
+@pytest.mark.slow
 def test_through_a_plc_and_back(peer: Path, cell: Domain, library: Path, domain: int, topic: str) -> None:
     def start_plc() -> Bridge:
         made = Bridge(cell.start([cell.python, "-m", "tests.softplc.task", library, "PRG_Ros", "PRG_Echo"]))
@@ -114,6 +114,7 @@ def test_through_a_plc_and_back(peer: Path, cell: Domain, library: Path, domain:
     bridge.wait_for_line("/joints_back +[0-9]+ passed")
 
 
+@pytest.mark.slow
 def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> None:
     """Python plays the PLC; our backend, in this process, the ends on rmw_cyclonedds."""
     file = cell.folder / "msgs" / "cell_msgs" / "srv" / "Start.srv"

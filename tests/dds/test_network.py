@@ -113,9 +113,9 @@ else:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0, reason="makes network namespaces")
 @pytest.mark.parametrize("said", FOUND)
-@pytest.mark.family("[LOCALHOST]", "[SUBNET]")
 def test_who_is_found(tmp_path: Path, said: str) -> None:
     able = ["unshare", "-n", "ip", "link", "add", "name", "ours", "type", "veth", "peer", "name", "theirs"]
     if not (shutil.which("unshare") and shutil.which("ip")) or subprocess.run(able, capture_output=True).returncode:
@@ -179,6 +179,7 @@ for size in (48 << 20, 48 << 20, 60_000, 48 << 20, 50):
 """
 
 
+@pytest.mark.slow
 def test_what_is_too_large_is_not_even_received(cell: Domain, domain: int, topic: str) -> None:
     """A real peer sends 48 MiB for a region of 81 bytes, three times; what fits comes through all the same."""
     bridge = cell.bridge(f'[[topics]]\ntopic = "{topic}"\ntype = "std_msgs/String"\n')

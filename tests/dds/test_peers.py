@@ -61,6 +61,7 @@ def test_what_a_peer_sends_back_is_what_was_sent(
 
 
 @pytest.mark.parametrize("qos", ["reliable", "best_effort"])
+@pytest.mark.family("[cyclone-")
 def test_a_peer_reads_our_values_and_we_read_its(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str, qos: str
 ) -> None:
@@ -114,6 +115,7 @@ def test_a_peer_that_went_and_came_is_known_again(
             came.get()
 
 
+@pytest.mark.family("[cyclone]")
 def test_a_peer_of_another_reliability_is_adopted_or_reported(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]
 ) -> None:

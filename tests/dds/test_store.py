@@ -31,8 +31,8 @@ from .values import values
 RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", range(4))
-@pytest.mark.family("[0]")
 def test_every_message_passes_through_dds_and_a_region(
     graph: backend.Graph, domain: int, topic: str, part: int
 ) -> None:

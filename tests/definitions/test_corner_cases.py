@@ -99,6 +99,7 @@ def ask(definitions: list[Definition], dialect: Dialect) -> dict[str, list[Answe
     return there
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("title", "dialect"), GROUPS)
 def test_every_difference_has_its_reason_and_no_other_row_has_one(
     rows: dict[str, list[Row]], title: str, dialect: Dialect

@@ -314,6 +314,7 @@ def test_recursion_is_told_with_its_chain(tmp_path):
     assert said.count("SHM301") == 2
 
 
+@pytest.mark.slow
 def test_a_deep_nest_is_no_recursion(tmp_path):
     write(tmp_path, {f"x_msgs/msg/M{n}.msg": f"M{n + 1} next" for n in range(2000)})
     write(tmp_path, {"x_msgs/msg/M2000.msg": "int8 end"})
@@ -386,6 +387,7 @@ def test_ros1_folders_are_read_as_ros1(tmp_path):
     assert "noetic" in refusal(tmp_path, "x_msgs/a_1").replace("SHM202", "noetic")
 
 
+@pytest.mark.slow
 def test_a_flood_of_unknown_types_is_told_in_part(tmp_path):
     """Each costs a search for what was meant: all of them took minutes."""
     write(tmp_path, {"x_msgs/msg/A.msg": "".join(f"Unknown{n} a{n}\n" for n in range(20_000))})

@@ -43,7 +43,7 @@ def holds(program: Path, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("scene", QUICK, ids=lambda scene: scene.name)
-@pytest.mark.family("[a writer and a reader]", "[a PLC after C]", "[one waits")
+@pytest.mark.family("[a PLC after C]", "[one waits")
 def test_nothing_is_found(program: Callable[[str], Path], scene: Scene) -> None:
     holds(program(scene.sync), scene)
 
@@ -107,6 +107,7 @@ def test_the_explorer_finds_what_it_must(program: Callable[[str], Path], setting
 @pytest.mark.parametrize(
     "scene", ["a writer and a reader", "a PLC and a reader", "a writer and a PLC that reads", "two want the lock"]
 )
+@pytest.mark.family("[two want the lock]")
 def test_the_table_of_states_hides_no_end(program: Callable[[str], Path], scene: str) -> None:
     """What is cut off would have come to the same ends; with one pre-emption it can be done without the table."""
     ends = SCENES[scene].ends

@@ -64,7 +64,10 @@ def generated(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple
     return folder, texts, layouts
 
 
-@pytest.fixture(scope="session", params=COMPILERS)
+_DIALECTS = [pytest.param(name, marks=() if name == "openplc-v4" else pytest.mark.slow, id=name) for name in COMPILERS]
+
+
+@pytest.fixture(scope="session", params=_DIALECTS)
 def shared(request: pytest.FixtureRequest, generated: tuple[Path, dict[str, str], Layouts]) -> Path:
     """The compiled shared object of one dialect."""
     compiler = str(request.param)

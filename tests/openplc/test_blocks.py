@@ -58,7 +58,6 @@ def until(said: Callable[[], bool], within: float = 30.0) -> bool:
 
 
 @pytest.mark.parametrize("name", MESSAGES)
-@pytest.mark.family("[openplc-v4-")
 def test_all_kinds_of_fields_there_and_back(
     plc: Program, python: Classes, generated: tuple[Path, dict[str, str], Layouts], topic: str, name: str
 ) -> None:
@@ -80,7 +79,6 @@ def test_all_kinds_of_fields_there_and_back(
         assert not heard().xNewData
 
 
-@pytest.mark.family("openplc-v4")
 def test_a_block_begins_with_the_defaults(plc: Program, python: Classes, topic: str) -> None:
     kind, _, subscriber_kind = python("Given")
     said = publisher(plc, "Given", topic, xSend=False)
@@ -90,7 +88,6 @@ def test_a_block_begins_with_the_defaults(plc: Program, python: Classes, topic: 
 
 
 @pytest.mark.parametrize("silent", range(2))
-@pytest.mark.family("[openplc-v4-")
 def test_the_first_sample_is_whole_whichever_call_opens(plc: Program, python: Classes, topic: str, silent: int) -> None:
     """Opening takes a few calls, and xSend is TRUE from any of them on: in the one that ends it there is a message."""
     kind, _, subscriber_kind = python("Given")
@@ -279,6 +276,7 @@ def held(topic: str) -> list[str]:
     return [line for line in (*maps, *files) if topic.rpartition("/")[2] in line]
 
 
+@pytest.mark.slow
 def test_files_are_those_of_the_settings(tmp_path: Path, topic: str) -> None:
     """Mode and group of shmgen.toml, whatever the umask; root makes them for others."""
     texts, _ = texts_of(tmp_path, {"Number": "uint32 value\n"}, regions=Regions(mode=0o640))
@@ -293,6 +291,7 @@ def test_files_are_those_of_the_settings(tmp_path: Path, topic: str) -> None:
     program.unload()
 
 
+@pytest.mark.slow
 def test_a_text_longer_than_its_bound_is_refused(tmp_path: Path, topic: str) -> None:
     """matiec's STRING holds 126 bytes whatever the definition says, so that the two messages are one to it."""
     messages = {"Short": "string<=4 text\n", "Long": "string<=9 text\n"}

@@ -51,6 +51,7 @@ def test_a_library_says_what_it_holds_and_needs(generated: Made) -> None:
         assert "#include" not in chunk["header"] + chunk["cpp"], name
 
 
+@pytest.mark.slow
 def test_a_chunk_alone_compiles_with_what_it_names(generated: Made, tmp_path: Path) -> None:
     """As a program gets it that uses one block only."""
     library = json.loads(generated[1]["openplc/shm_msgs.stlib"])
@@ -74,6 +75,7 @@ def test_the_lines_of_an_upload_are_the_header(generated: Made) -> None:
     assert found.replace("( *", "(*").replace("* )", "*)").split() == header.replace("( *", "(*").split()
 
 
+@pytest.mark.slow
 def test_the_program_gives_each_topic_its_structure(tmp_path: Path) -> None:
     """And all of it is the library's, since STruC++ prints a program's own types before those."""
     topics = """[[topics]]
@@ -213,6 +215,7 @@ def test_own_sources_that_cannot_be_taken_are_said(text: str | None, said: str, 
     assert (done.returncode, done.stderr.splitlines()[0]) == (1, said)
 
 
+@pytest.mark.slow
 def test_a_check_sees_that_an_own_source_changed(tmp_path: Path) -> None:
     """Also where the check before found nothing, which is remembered."""
     build.put({"shmgen.toml": CELL + '[plc]\nsources = ["cell.st"]\n', "cell.st": OWN, **DEFINITIONS}, tmp_path)

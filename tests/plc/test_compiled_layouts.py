@@ -124,6 +124,7 @@ int main()
 """
 
 
+@pytest.mark.slow
 def test_packed_bytes_are_the_same_in_python_c_and_cpp(tmp_path: Path) -> None:
     text = "TYPE E_State : (eIdle, eFault := 7) UINT; END_TYPE\n" + struct_(
         "ST_Outer", "x : BOOL", "v : LREAL", "n : ARRAY[0..1] OF INT", "s : WSTRING(5)", "e : E_State", pack="1"

@@ -110,6 +110,7 @@ def test_messages_keep_comments_units_and_names(folder: Path) -> None:
     assert "int8 x1\nstring<=80 s_text  # (PLC: sText)\n" in plant
 
 
+@pytest.mark.slow
 def test_what_is_generated_has_the_names_and_the_bytes_of_the_project(folder: Path) -> None:
     """The bytes as the soft PLC lays both out: the project's types by natural alignment, ours packed."""
     files = {
@@ -135,6 +136,7 @@ def test_what_is_generated_has_the_names_and_the_bytes_of_the_project(folder: Pa
     assert sizes == [(64, 384, 2)] * 2
 
 
+@pytest.mark.slow
 def test_the_plc_is_read_by_python_under_its_own_names(folder: Path, topic: str) -> None:
     from shmgen.core.model import TypeName
 

@@ -60,8 +60,8 @@ LONG = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
-@pytest.mark.family("[types.st]", "[comments.st]", "[line_ends.xml]")
 def test_in_linear_time(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(LONG[name])
     report = Report()

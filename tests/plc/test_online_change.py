@@ -123,7 +123,7 @@ def open_anew(*blocks: Block) -> None:
 # --- topics -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.family("[larger]")
+@pytest.mark.slow
 def test_a_publisher_leaves_the_region_of_the_old_message(before: Made, after: Made, topic: str) -> None:
     old = ready(block(before, "Demo_Publisher", topic))
     assert old.xSent
@@ -166,6 +166,7 @@ def test_a_subscriber_takes_nothing_of_the_old_message(before: Made, after: Made
         assert (new.Msg.a, list(new.Msg.v), new.Msg.b) == (3, list(range(len(new.Msg.v))), 4)
 
 
+@pytest.mark.family("[smaller]")
 def test_a_sample_read_before_counts_no_longer_once_the_region_is_that_of_the_new_message(
     before: Made, after: Made, topic: str
 ) -> None:

@@ -88,6 +88,7 @@ def cell(made: tuple[Path, dict[str, str]], topic: str) -> Any:
         yield running
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("happens", "after"),
     [
@@ -102,7 +103,6 @@ def cell(made: tuple[Path, dict[str, str]], topic: str) -> Any:
     ],
     ids=["stop", "nan", "too fast", "backwards", "emergency stop", "killed", "hangs", "the same again"],
 )
-@pytest.mark.family("[killed]")
 def test_it_stands_in_time_and_does_not_move_by_itself(
     cell: Cell, happens: Callable[[Cell], object], after: int
 ) -> None:

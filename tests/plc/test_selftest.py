@@ -115,6 +115,7 @@ def run(
         partner.close()
 
 
+@pytest.mark.slow
 def test_on_the_soft_plc_all_is_as_expected(settings: config.Config, plc: Plc, task: Running) -> None:
     """With a restart and an online change where a person is asked for them."""
     again, other = compiled(settings, {}), compiled(settings, OTHER)

@@ -55,8 +55,8 @@ END_FUNCTION_BLOCK
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["USINT", "BOOL"])
-@pytest.mark.family("[USINT]")
 def test_services_of_the_codesys_page_compile(tmp_path: Path, kind: str) -> None:
     """Compile the calls of the page. TRUE fits only a BOOL, and BOOL_TO_USINT only a USINT."""
     page = (REPOSITORY / "docs" / "codesys.md").read_text()

@@ -307,6 +307,7 @@ def test_a_number_left_out_is_not_forgotten_by_close(demo: Demo, clock: Clock, t
             publisher.publish(demo.message(2))
 
 
+@pytest.mark.slow
 def test_a_plc_with_a_slow_task_keeps_its_topic(compiled_demo: Demo, topic: str) -> None:
     """A cycle of 200 ms, in a process of its own."""
     task = ["-m", "tests.softplc.task", str(compiled_demo.library), "FB_demo_msgs_Demo_Publisher", "--period", "0.2"]

@@ -251,6 +251,7 @@ def test_any_message_goes_both_ways(schema, options, seed, tmp_path_factory):
     build.forget(package)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 @given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
 @settings(max_examples=schemas.examples(8), suppress_health_check=list(HealthCheck), phases=[Phase.generate])
@@ -307,6 +308,7 @@ def tree(**changed: Any) -> SimpleNamespace:
     return made
 
 
+@pytest.mark.slow
 def test_numbers_and_sequences_of_every_kind(tree_kind):
     ways, taken = Ways(type(tree_kind().one)), set()
     for field in NUMBERS:
@@ -323,6 +325,7 @@ def test_numbers_and_sequences_of_every_kind(tree_kind):
     assert not taken & {type(None), int}
 
 
+@pytest.mark.family("[0]")
 def test_texts_and_times_of_every_kind(trees):
     ways = Ways(trees.Tree)
     for text in TEXTS:
@@ -343,6 +346,7 @@ def test_texts_and_times_of_every_kind(trees):
     assert ways.in_c(tree(stamps=[trees.Tree().one.stamp], texts=numpy.array(["a"], object)))
 
 
+@pytest.mark.family("[0]")
 def test_bytes_of_no_text_and_no_bool(trees):
     """Stale text behind a NUL, no UTF-8, half a pair, a bool of 2, and counts past their bounds."""
     ways, draw = Ways(trees.Tree), random.Random(3)
@@ -361,6 +365,7 @@ def test_bytes_of_no_text_and_no_bool(trees):
     assert 0 < done < 200
 
 
+@pytest.mark.slow
 def test_attributes_that_are_any_code(tree_kind):
     """They raise, change lists while these are gone through, encode once more, or let go of what is held."""
     ways, calls = Ways(tree_kind), []
@@ -472,6 +477,7 @@ def test_long_arrays_are_let_go_of(tree_kind):
     assert ways.encode(tree(two=[Leaf(), Leaf()], data=[1, 2, 3]))
 
 
+@pytest.mark.slow
 def test_nothing_stays_behind(tree_kind):
     ways = Ways(tree_kind)
     draw = random.Random(1)

@@ -117,6 +117,7 @@ def newest(publisher):
     return repr(publisher.message_type.from_buffer_copy(lies))
 
 
+@pytest.mark.slow
 def test_numbers_from_any_object_are_taken_and_refused_as_in_python(topic, kinds):
     kind, publishers, _ = kinds
     rng = random.Random(1)
@@ -173,6 +174,7 @@ SEQUENCES = (
 )
 
 
+@pytest.mark.slow
 def test_arrays_from_any_object_are_taken_and_refused_as_in_python(topic, kinds):
     """Each kind of number, always full and with a bound, out of whatever one may give for it."""
     kind, publishers, _ = kinds

@@ -366,6 +366,7 @@ def test_which_bytes_a_process_has_locked(tmp_path, line, held):
     assert [byte for byte in range(3) if record_locks._locks(str(info), byte)] == held
 
 
+@pytest.mark.slow
 @each_engine
 def test_who_really_holds_the_claim_is_named(topic):
     """A child of a fork that Python knows nothing of; its parent, whose pid stands in the header, is dead."""

@@ -86,8 +86,8 @@ def healthy(publisher, subscriber, number):
     assert (publisher.lock_misses, subscriber.lock_misses) == misses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("play", ["straight", "healing", "surplus"])
-@pytest.mark.family("[straight]")
 def test_an_exception_between_any_two_instructions(topic, play, monkeypatch, in_python):
     monkeypatch.setattr(lock, "_STUCK_AFTER", 0.0)
     with PosePublisher(topic, lock_timeout=0) as publisher, PoseSubscriber(topic, lock_timeout=0) as subscriber:
@@ -165,6 +165,7 @@ while True:
 
 @pytest.mark.usefixtures("each_engine")
 @pytest.mark.parametrize("side", ["publish", "read"])
+@pytest.mark.family("[C-publish]", "[Python-read]")
 def test_ctrl_c_at_random_instants(topic, side):
     """Real signals to a process that does nothing else: a tenth of them left the lock taken once."""
     rng = random.Random(1)

@@ -160,7 +160,7 @@ async def both(one, other):
     await asyncio.gather(one, other)
 
 
-@pytest.mark.family("[C]")
+@pytest.mark.slow
 def test_a_loop_leaves_nothing(topic):
     """Neither its thread nor the region of a subscriber that nobody has any more."""
 

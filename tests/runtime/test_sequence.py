@@ -194,6 +194,7 @@ def read_whole(peer: list[str], topic: str, write: Callable[[int], None]) -> int
     return samples
 
 
+@pytest.mark.slow
 def test_python_writes_and_32_bits_read(made: Made, peer: list[str], topic: str) -> None:
     message = made.message()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.softplc import Plc, compile_st, online_change
 
 INNER = """
@@ -28,6 +30,7 @@ def program(inner: str, counter: str, outer: str) -> Plc:
     return compile_st({"program.st": text})
 
 
+@pytest.mark.slow
 def test_an_online_change() -> None:
     before = program("x : INT; y : INT; w : ARRAY[0..1] OF INT;", "", BEFORE)
     old = before.block("FB_Outer")()

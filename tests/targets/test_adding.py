@@ -52,6 +52,7 @@ def test_it_follows_the_rules_of_the_house(added: Path) -> None:
     run(added, "pytest", "tests/test_architecture.py", *rules, "-o", "addopts=")
 
 
+@pytest.mark.slow
 def test_its_key_changes_the_golden_file_that_the_page_names(added: Path) -> None:
     golden = shutil.copytree(REPOSITORY / "tests" / "errors", added / "tests" / "errors")
     before = {path: path.read_text() for path in golden.rglob("expected.txt")}

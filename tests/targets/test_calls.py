@@ -36,8 +36,8 @@ def generated(folder: Path, type_: str) -> dict[str, str]:
     return {Path(path).stem: text for path, text in pipeline.generate(config, ["cell_msgs"]).items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", ROLES)
-@pytest.mark.family("[Client]")
 def test_every_input_and_output_is_explained(counted: dict[str, str], role: str) -> None:
     page = (REPOSITORY / "docs" / "structured-text.md").read_text()
     table = page.partition(f"\n| {role} | name | meaning |\n")[2].partition("\n\n")[0]

@@ -36,6 +36,7 @@ def test_it_is_the_object_that_its_file_is_named_after(path) -> None:
     assert [name or path.stem for _, name in objects] == [path.stem]  # a list has its name from the file alone
 
 
+@pytest.mark.slow
 def test_the_soft_plc_reads_it_where_it_stands() -> None:
     """With the two structures and the list that are made from abi.py, nothing is missing."""
     made = render(common.plan(locks=True, struct_time=False))

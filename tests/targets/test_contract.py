@@ -27,7 +27,7 @@ from . import contract
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.key)
-@pytest.mark.family("[python-", "[st-", "-files_are_its_own", "told_apart")
+@pytest.mark.family("[python-", "[st-")
 def test_it_is_kept(target: Target, check: contract.Check) -> None:
     check(target)
 
@@ -132,6 +132,7 @@ def names(**parts: Any) -> Names:
     return NAMES._replace(**parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
 def test_a_small_target_keeps_it(check: contract.Check) -> None:
     check(target())

@@ -82,6 +82,7 @@ def test_comments_units_and_folders(comment: str, other: str, unit: str, within:
         assert found[path] == meant, path
 
 
+@pytest.mark.slow
 @given(st.lists(words | st.text(letters, max_size=4) | st.sampled_from("\n\r\t"), max_size=6).map("".join))
 @settings(careless, max_examples=40)
 def test_strings(text: str) -> None:

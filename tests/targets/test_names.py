@@ -117,6 +117,7 @@ def test_every_macro_of_a_small_name_is_known() -> None:
     assert {name for name in names if name.isidentifier() and name[0].islower()} <= c_names.C_RESERVED
 
 
+@pytest.mark.slow
 def test_any_field_and_constant_in_structured_text(tmp_path: Path) -> None:
     layouts = made(tmp_path, "shm_odd_st", definitions(SIDES["st"], ["numbers"]), ("st",))
     texts = {str(path): path.read_text() for path in (tmp_path / "st").rglob("*.st")}

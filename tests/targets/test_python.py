@@ -261,6 +261,7 @@ def test_a_count_that_the_plc_got_wrong_is_told(demo: ModuleType) -> None:
         one.joints  # noqa: B018
 
 
+@pytest.mark.slow
 def test_generated_code_is_clean(tmp_path: Path) -> None:
     """Under the tools' own defaults, as in a user's repository."""
     put({path: text for path, text in committed_texts().items() if path.startswith("python/")}, tmp_path)

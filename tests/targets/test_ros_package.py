@@ -126,6 +126,7 @@ def test_catkin_pkg_takes_the_manifest(ros: str, kind: str, code: str, project: 
     assert {code, "cell_msgs", "geometry_msgs"} <= set(depends.split())
 
 
+@pytest.mark.slow
 def test_roslaunch_loads_the_launch_file(project: Path) -> None:
     folder = project / "generated" / "ros1" / "cell_bridge"
     said = debian(
@@ -150,6 +151,7 @@ def test_the_launch_file_of_ros_2_starts_what_setup_installs(project: Path) -> N
     assert (folder / "config" / "bridge.yaml").read_text().splitlines()[1] == "shmgen_bridge:"
 
 
+@pytest.mark.slow
 def test_setup_installs_it_and_the_bridge_starts_from_there(project: Path) -> None:
     import_or_skip("setuptools")
     folder, target = project / "generated" / "ros2" / "cell_bridge", project / "install"

@@ -207,6 +207,7 @@ def test_a_message_without_constants_leaves_no_gap(texts: dict[str, str]) -> Non
 
 
 @pytest.mark.parametrize("options", [TypeOptions(), TypeOptions("BOOL", "LTIME"), TypeOptions("BOOL", "struct")])
+@pytest.mark.family("[options0]")
 def test_what_blark_reads_lies_where_the_layout_says(tmp_path: Path, options: TypeOptions) -> None:
     layouts = lay_out(tmp_path, MESSAGES, options)
     structures = structures_of({path: text for path, text in texts_of(layouts).items() if "/ST_" in path})
@@ -483,6 +484,7 @@ def test_every_error_is_explained_and_no_other(texts: dict[str, str]) -> None:
     assert explained == [str(value.name) for value in enum.declaration.init.spec.values]
 
 
+@pytest.mark.slow
 def test_every_input_and_output_is_explained(parsed: Parsed) -> None:
     page = (
         (REPOSITORY / "docs" / "structured-text.md")

@@ -129,6 +129,7 @@ def in_own_shm(script):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(machine.EMULATED, reason="qemu-user has no seccomp")
 def test_all_means_also_a_semaphore_whose_maker_was_killed():
     """The kernel kills a process as it gives its semaphore the right name, and as it takes the first name away."""

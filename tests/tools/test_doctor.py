@@ -292,6 +292,7 @@ def test_a_process_alone_in_another_dev_shm(topic, shmgen, peer, container):
     assert fault["process"] == inside.pid
 
 
+@pytest.mark.slow
 def test_containers_that_are_whole_are_no_fault(topic, tmp_path, for_nobody, shmgen, peer, container):
     """Each has its own /dev/shm with all that it needs, whether the machine has such a region too or not."""
     about = lambda report: [f for f in report["findings"] if f["topic"].startswith(topic)]  # noqa: E731
@@ -326,6 +327,7 @@ def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic,
         (2, 0, True, "the value of its semaphore is 2: so many processes can hold the lock at once"),
     ],
 )
+@pytest.mark.family("[0-0-True")
 def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value, waiters, dead, said):
     """glibc keeps whether somebody waits in its lowest bit, and the value above that (nptl's internaltypes.h)."""
     holder = 2**22 + 1 if dead else os.getpid()
@@ -346,6 +348,7 @@ def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value
 @pytest.mark.parametrize(("machine", "barrier"), [("x86_64", False), ("aarch64", False), ("aarch64", True)])
 @pytest.mark.skipif(BITS == 32, reason="this Python has 32 bits itself, and no compiler here makes a program of 64")
 @pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc"), reason="no i686-linux-gnu-gcc: make test-all as root")
+@pytest.mark.family("[x86_64-False]")
 def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, barrier, monkeypatch):
     """The advice is one that the runtime takes on that machine."""
     (tmp_path / "small.c").write_text(
@@ -391,6 +394,7 @@ def nobody():
         os.setgroups(groups)
 
 
+@pytest.mark.slow
 @root_only
 def test_as_a_user_who_may_not(topic, file, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
@@ -418,6 +422,7 @@ def test_as_a_user_who_may_not(topic, file, shmgen):
 
 @root_only
 @pytest.mark.parametrize("mode", ["755", "700", "777"])
+@pytest.mark.family("[777]")
 def test_a_folder_of_regions_with_a_wrong_mode_is_a_fault(mode, tmp_path):
     """Also to a user who may not look into it. /dev/shm here is that of a mount namespace of this test's own."""
     program = tmp_path / "as_nobody.py"
@@ -499,6 +504,7 @@ def test_all_regions_and_nothing_else(topic, file, shmgen):
 
 
 @pytest.mark.parametrize("arguments", [("doctor", "--json"), ("topics", "--json"), ("clean", "--all", "--dry-run")])
+@pytest.mark.family("[arguments2]")
 def test_a_region_may_vanish_at_any_moment(arguments, topic, file, semaphore, shmgen, monkeypatch):
     """Remove the files before the command's first system call on them, then before the second, until the last."""
 

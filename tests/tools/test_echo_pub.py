@@ -291,6 +291,7 @@ def test_a_second_writer_and_a_time_limit(topic, shmgen, started):
     assert "no sample within 0.1 s" in shmgen("echo", topic, "--timeout", "0.1").stderr
 
 
+@pytest.mark.slow
 @given(text=st.text(max_size=20))
 @settings(max_examples=200, deadline=None)
 def test_any_text_is_yaml(text):
@@ -315,6 +316,7 @@ class TestAnyMessage:
                 assert typed.build(kind, typed.parse(text)) == message, text
 
 
+@pytest.mark.slow
 def test_kill_ends_in_order(topic, started, shmgen):
     """So that the lock is not left taken, whatever pub was about."""
     for _ in range(3):

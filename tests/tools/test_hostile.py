@@ -37,6 +37,7 @@ def region(topic, file):
     return write
 
 
+@pytest.mark.slow
 def test_orders_in_the_name_of_a_type_reach_no_terminal(topic, file, region, shmgen):
     region(32, ORDERS.ljust(64, b"\0"))
     said = {
@@ -127,9 +128,9 @@ TRAPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TRAPS)
 @pytest.mark.parametrize("place", ["region", "semaphore", "event"])
-@pytest.mark.family("[region-a FIFO]", "[semaphore-a symbolic link]")
 def test_a_trap_in_the_place_of_a_file_is_named_and_not_opened(topic, file, semaphore, shmgen, started, kind, place):
     PosePublisher(topic).close()
     trap = {"region": file, "semaphore": semaphore, "event": semaphore.with_name(f"{semaphore.name}-event")}[place]

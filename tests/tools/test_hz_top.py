@@ -83,6 +83,7 @@ def rows_of(text, topic):
     return [line.split() for line in text.splitlines() if line.startswith(topic + " ")]
 
 
+@pytest.mark.slow
 def test_top_in_a_pipe(topic, shmgen, started):
     pub = started("pub", topic, "std_msgs/Int32", "-r", "100")
     assert pub.stdout.readline()

@@ -133,6 +133,7 @@ def test_table_fields_curves_and_memory(moving, registry):
     asyncio.run(walk())
 
 
+@pytest.mark.slow
 def test_fields_on_the_command_line_are_plotted_at_once(moving, registry):
     async def walk():
         app = Viewer(registry, allow_write=False, topic=moving, fields=("pose.position.x", "header.frame_id"))
@@ -148,6 +149,7 @@ def test_fields_on_the_command_line_are_plotted_at_once(moving, registry):
     asyncio.run(walk())
 
 
+@pytest.mark.slow
 def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_what_is_wider(
     topic, registry, monkeypatch
 ):
@@ -195,6 +197,7 @@ def joints(tmp_path):
     return ClassRegistry(Session(Config(tmp_path, path=(tmp_path / "msgs",), bounds=bounds)), None)
 
 
+@pytest.mark.slow
 def test_arrays_and_sequences_open_and_their_elements_are_plotted(topic, joints):
     """Six joints, then four, then a thousand; elements come a page at a time."""
     kind = joints.message("sensor_msgs/msg/JointState")
@@ -232,6 +235,7 @@ def test_arrays_and_sequences_open_and_their_elements_are_plotted(topic, joints)
         asyncio.run(walk(writer))
 
 
+@pytest.mark.slow
 def test_messages_in_arrays_open_too_and_a_float32_has_its_own_digits(topic, joints):
     kind = joints.message("f_msgs/msg/F")
 
@@ -280,6 +284,7 @@ def test_a_damaged_count_is_shown_and_ends_nothing(topic, joints):
         asyncio.run(walk())
 
 
+@pytest.mark.slow
 def test_select_all_and_type_replaces_the_draft(topic, registry):
     kind = registry.message("std_msgs/msg/Bool")
 

@@ -161,6 +161,7 @@ def test_load(graph: Graph, space: str) -> None:
     assert result.lost == 0
 
 
+@pytest.mark.slow
 def test_what_never_came_is_counted(rows: Graph, space: str) -> None:
     """Exactly, for each publisher."""
     bridge, peers = rows.bridge(both_ways(space)), [rows.peer(), rows.peer()]
@@ -175,6 +176,7 @@ def test_what_never_came_is_counted(rows: Graph, space: str) -> None:
     bridge.counted("16 passed, 1 rejected, 14 lost")
 
 
+@pytest.mark.slow
 def test_what_is_far_too_large_is_not_even_received(rows: Graph, space: str) -> None:
     """And counted as lost, as its number never comes."""
     bridge, peer = rows.bridge(both_ways(space)), rows.peer()
@@ -185,6 +187,7 @@ def test_what_is_far_too_large_is_not_even_received(rows: Graph, space: str) -> 
     bridge.counted("2 passed, 1 rejected, 1 lost")
 
 
+@pytest.mark.slow
 def test_another_definition_is_refused_and_counted(rows: Graph, space: str) -> None:
     bridge, peer, other = rows.bridge(both_ways(space)), rows.peer(), rows.peer()
     for one, text in ((peer, ROW), (other, ROW.replace("int32 n", "float32 n"))):
@@ -247,6 +250,7 @@ def test_services_both_ways(graph: Graph, space: str) -> None:
     assert not [line for line in bridge.lines if "Error" in line or "panicked" in line]
 
 
+@pytest.mark.slow
 def test_the_end_comes_in_the_middle_of_calls(graph: Graph, space: str) -> None:
     """Each way; no thread of zenoh's ends the process as failed."""
     graph.router()
@@ -303,6 +307,7 @@ def test_who_comes_late_hears_the_newest(rows: Graph, space: str) -> None:
     bridge.wait_for_line(f"{told} +1 passed$")
 
 
+@pytest.mark.slow
 def test_router_bridge_and_peer_die_and_return(graph: Graph, space: str) -> None:
     """And the bridge is there before the router."""
     int32 = {"type": "std_msgs/msg/Int32", "msg_definition": "int32 data"}
