@@ -133,7 +133,7 @@ class Both:
     def __init__(self, kind):
         self.kind, self.table = kind, engine.codec(kind)
 
-    def to_wire(self, payload, ros1=False, big=False, stamp=(-1, 0, 0)):
+    def to_wire(self, payload, ros1=False, big=False, stamp=(-1, Time)):
         wanted = outcome(wire.to_wire, self.kind, payload, ros1, big, *stamp)
         self.compare(wanted, lambda: self.table.to_wire(payload, ros1, big, *stamp))
         return wanted

@@ -18,14 +18,14 @@ _LARGE = 4096
 class Transcoder:
     """Converts the samples of one message class to serialized ROS messages, and back."""
 
-    __slots__ = ("_from_wire", "_kind", "_stamp", "_to_wire")
+    __slots__ = ("_from_wire", "_kind", "_stamp_at", "_to_wire")
 
     def __init__(self, kind: type[Message], stamp: tuple[str, ...] = ()) -> None:
         """Prepare the conversion. `stamp` is the path to the time stamp. encode() fills in a time stamp of zero."""
         table = codec(kind)
         self._to_wire = table.to_wire if table else partial(wire.to_wire, kind)
         self._from_wire = table.from_wire if table else partial(wire.from_wire, kind)
-        self._kind, self._stamp = kind, _part_of(kind, stamp)
+        self._kind, self._stamp_at = kind, _offset_of(kind, stamp)
 
     def encode(
         self,
@@ -38,10 +38,7 @@ class Transcoder:
         The format is CDR, or the serialization of ROS 1 if `is_ros1` is true.
         Raises ValueRejected if a value is invalid.
         """
-        at, seconds, nanos = -1, 0, 0
-        if self._stamp and not any(payload[self._stamp]):
-            at, (seconds, nanos) = self._stamp.start, now()
-        data: bytes = self._to_wire(payload, is_ros1, False, at, seconds, nanos)
+        data: bytes = self._to_wire(payload, is_ros1, False, self._stamp_at, now)
         return data
 
     def decode(self, data: bytes, is_ros1: bool = False) -> Message | None:
@@ -57,10 +54,10 @@ def direct_codec(kind: type[Message], stamp: tuple[str, ...]) -> Transcoder | No
     return None if ctypes.sizeof(kind) >= _LARGE else Transcoder(kind, stamp)
 
 
-def _part_of(kind: Any, path: tuple[str, ...]) -> slice | None:
-    """Return the byte range of the field at `path` in a message of class `kind`, or None if `path` is empty."""
+def _offset_of(kind: Any, path: tuple[str, ...]) -> int:
+    """Return the offset in bytes of the field at `path` in a message of class `kind`, or -1 if `path` is empty."""
     offset = 0
     for name in path:
         step = next(step for step in kind._steps_ if step.name == name)
         kind, offset = step.kind, offset + step.offset
-    return slice(offset, offset + step.size) if path else None
+    return offset if path else -1

@@ -10,8 +10,8 @@ typedef struct Wire {
     unsigned char *payload, *bytes; /* `bytes` starts after the head */
     size_t at, room;
     bool is_ros1, swaps;
-    Py_ssize_t stamp_at; /* offset of the time that `stamp` replaces; -1 = none */
-    int64_t stamp[2];
+    Py_ssize_t stamp_at; /* offset of the stamp; -1 = none */
+    PyObject *now;       /* function that returns seconds and nanoseconds for a zero stamp */
 } Wire;
 
 static bool encode_fields(Wire *wire, const Step *step, const Step *end, const unsigned char *message);
@@ -81,6 +81,19 @@ static bool is_ascii(const unsigned char *text, size_t length)
 
 /* --- to ROS -------------------------------------------------------------------------------------------------- */
 
+static bool fill_stamp(const Wire *wire, int64_t parts[2])
+{
+    PyObject *time = PyObject_CallObject(wire->now, NULL);
+    long long seconds, nanos;
+    const bool is_complete = time != NULL && PyArg_ParseTuple(time, "LL", &seconds, &nanos);
+    if (is_complete) {
+        parts[0] = seconds;
+        parts[1] = nanos;
+    }
+    Py_XDECREF(time);
+    return is_complete;
+}
+
 static bool put_time(Wire *wire, const Step *step, const unsigned char *from, Py_ssize_t index)
 {
     const bool is_ros1 = wire->is_ros1, is_signed = !is_ros1 || step->is_duration;
@@ -88,8 +101,8 @@ static bool put_time(Wire *wire, const Step *step, const unsigned char *from, Py
     int64_t parts[2];
     uint32_t words[2];
     parts_from(step, from, &parts[0], &parts[1]);
-    if (from - wire->payload == wire->stamp_at && parts[0] == 0 && parts[1] == 0)
-        memcpy(parts, wire->stamp, sizeof parts);
+    if (from - wire->payload == wire->stamp_at && parts[0] == 0 && parts[1] == 0 && !fill_stamp(wire, parts))
+        return false;
     if (parts[0] < (is_signed ? INT32_MIN : 0) || parts[0] > (is_signed ? INT32_MAX : UINT32_MAX) || parts[1] < 0 ||
         parts[1] > most_nanos)
         return refuse(wire->self, step, index, "ROS cannot hold this time");
@@ -199,8 +212,8 @@ static bool has_arguments(Py_ssize_t count, Py_ssize_t expected)
     return count == expected || PyErr_Format(PyExc_TypeError, "%zd arguments, expected %zd", count, expected) != NULL;
 }
 
-/* to_wire(payload, is ROS 1, is big-endian, offset of the stamp or -1, seconds, nanoseconds): return the serialized
- * message. The seconds and nanoseconds replace the stamp if it is zero. */
+/* to_wire(payload, is ROS 1, is big-endian, offset of the stamp or -1, now): return the serialized message. `now()`
+ * returns seconds and nanoseconds, which replace the stamp if it is zero. */
 PyObject *table_to_wire(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
 {
     const Table *self = (Table *)object;
@@ -210,13 +223,12 @@ PyObject *table_to_wire(PyObject *object, PyObject *const *arguments, Py_ssize_t
     unsigned char *buffer;
     bool is_big;
     size_t head;
-    if (!has_arguments(count, 6))
+    if (!has_arguments(count, 5))
         return NULL;
     wire.is_ros1 = PyObject_IsTrue(arguments[1]) != 0;
     is_big = PyObject_IsTrue(arguments[2]) != 0;
     wire.stamp_at = PyLong_AsSsize_t(arguments[3]);
-    wire.stamp[0] = PyLong_AsLongLong(arguments[4]);
-    wire.stamp[1] = PyLong_AsLongLong(arguments[5]);
+    wire.now = arguments[4];
     if (PyErr_Occurred() != NULL || PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
         return NULL;
     head = wire.is_ros1 ? 0 : 4;

@@ -7,6 +7,7 @@ serialization. The extension does the same in wire.c.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,13 +22,13 @@ _REST = 3
 """Maximum number of padding bytes after a ROS 2 message, whose size is rounded up to a multiple of four."""
 
 
-def to_wire(kind: Any, payload: Any, ros1: bool, big: bool, stamp_at: int, sec: int, nanosec: int) -> bytes:
+def to_wire(kind: Any, payload: Any, ros1: bool, big: bool, stamp_at: int, now: Callable[[], tuple[int, int]]) -> bytes:
     """Return a message as ROS serializes it. `payload` has the bytes of the message in a region.
 
-    `kind` is the class of the message. `big` selects big-endian. A zero time at byte `stamp_at` is replaced by `sec`
-    and `nanosec`. Raises ValueRejected if a value does not fit.
+    `kind` is the class of the message. `big` selects big-endian. A zero time at byte `stamp_at` is replaced by the
+    seconds and nanoseconds that `now` returns. Raises ValueRejected if a value does not fit.
     """
-    wire = _Writer(bytes(payload), ros1, ">" if big else "<", stamp_at, (sec, nanosec), bytearray())
+    wire = _Writer(bytes(payload), ros1, ">" if big else "<", stamp_at, now, bytearray())
     wire.message(kind, 0)
     head = b"" if ros1 else bytes((0, not big, 0, 0))
     return head + wire.out
@@ -55,7 +56,7 @@ class _Writer:
     ros1: bool
     order: str
     stamp_at: int
-    stamp: tuple[int, int]
+    now: Callable[[], tuple[int, int]]
     out: bytearray
 
     def message(self, kind: Any, base: int) -> None:
@@ -84,7 +85,7 @@ class _Writer:
         data = self.payload[at : at + step.size]
         if step.kind in CLOCKS:
             time = decode_clock(step.kind, data)
-            parts = self.stamp if at == self.stamp_at and not any(time) else time
+            parts = self.now() if at == self.stamp_at and not any(time) else time
             try:
                 self.put(_code_of(step, self.ros1), 4, *parts)
             except struct.error:
