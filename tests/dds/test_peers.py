@@ -81,6 +81,7 @@ def test_a_peer_reads_our_values_and_we_read_its(
         program.wait_for_line(f"^took {re.escape(SAID)}$")
 
 
+@pytest.mark.family("[cyclone]")
 def test_who_comes_late_hears_the_newest(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
 ) -> None:

@@ -42,9 +42,17 @@ def _library(made: Translation, folder: Path) -> Path:
     library = folder / "plc.so"
     library.with_suffix(".pickle").write_bytes(pickle.dumps((made.types, made.enumerations, len(made.units))))
     name = f"plc-{kept.key(_maker(), *made.units)}"
-    if (compiled := kept.find(name)) is not None:
-        library.write_bytes(compiled)
-        return library
+    with kept.locked(name):
+        if (compiled := kept.find(name)) is not None:
+            library.write_bytes(compiled)
+        else:
+            _compile(made, folder, library)
+            kept.keep(name, library.read_bytes())
+    kept.tidy()
+    return library
+
+
+def _compile(made: Translation, folder: Path, library: Path) -> None:
     jobs = [["gcc", "-std=gnu11", *_FLAGS, "-c", str(_HERE / "shim.c"), "-o", str(folder / "shim.o")]]
     for number, unit in enumerate(made.units):
         source = folder / f"unit{number}.cpp"
@@ -53,9 +61,6 @@ def _library(made: Translation, folder: Path) -> Path:
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(_run, jobs))
     _run(["g++", "-shared", "-Wl,-Bsymbolic", "-o", str(library), *(job[-1] for job in jobs), "-pthread", "-lrt"])
-    kept.keep(name, library.read_bytes())
-    kept.tidy()
-    return library
 
 
 @functools.cache

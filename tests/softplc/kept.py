@@ -5,11 +5,14 @@ Without a virtual environment nothing is cached. Entries that were not used for 
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 FOLDER = Path(sys.prefix) / "softplc" if sys.prefix != sys.base_prefix else None
@@ -49,6 +52,18 @@ def keep(name: str, data: bytes) -> None:
         os.replace(file.name, FOLDER / name)
     except OSError:  # somebody else's environment, or a full disk
         return
+
+
+@contextmanager
+def locked(name: str) -> Iterator[None]:
+    """Hold a lock of the cache, so that two processes do not create the same data at the same time."""
+    with ExitStack() as stack:
+        if FOLDER is not None:
+            with suppress(OSError):  # somebody else's environment, or a full disk
+                FOLDER.mkdir(exist_ok=True)
+                lock = stack.enter_context((FOLDER / f"{name}.lock").open("w"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def tidy() -> None:

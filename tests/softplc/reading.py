@@ -176,17 +176,26 @@ def _numbered(text: str) -> tuple[str, dict[str, str]]:
 def _parse_all(texts: Iterable[str]) -> dict[str, Any]:
     """Trees by text; many are shared among processes, which are spawned because a test runner has threads."""
     names = {text: f"tree-{kept.key(_maker(), text)}" for text in texts}
-    found = {text: kept.find(name) for text, name in names.items()}
-    trees = {text: pickle.loads(data) for text, data in found.items() if data is not None}
-    new = sorted(names.keys() - trees.keys(), key=len, reverse=True)
-    if sum(map(len, new)) < 20_000:
-        made = dict(zip(new, map(_parse, new), strict=True))
-    else:
-        with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-            made = dict(zip(new, pool.map(_parse, new, chunksize=4), strict=True))
-    for text, tree in made.items():
-        kept.keep(names[text], pickle.dumps(tree))
+    trees = _cached(names)
+    if names.keys() == trees.keys():
+        return trees
+    with kept.locked("trees"):  # another worker may be parsing the same texts
+        trees = _cached(names)
+        new = sorted(names.keys() - trees.keys(), key=len, reverse=True)
+        if sum(map(len, new)) < 20_000:
+            made = dict(zip(new, map(_parse, new), strict=True))
+        else:
+            with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+                made = dict(zip(new, pool.map(_parse, new, chunksize=4), strict=True))
+        for text, tree in made.items():
+            kept.keep(names[text], pickle.dumps(tree))
     return trees | made
+
+
+def _cached(names: Mapping[str, str]) -> dict[str, Any]:
+    """Return the cached trees by text. `names` maps each text to the name of its tree in the cache."""
+    found = {text: kept.find(name) for text, name in names.items()}
+    return {text: pickle.loads(data) for text, data in found.items() if data is not None}
 
 
 @functools.cache
