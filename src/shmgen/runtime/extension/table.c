@@ -219,9 +219,28 @@ static bool set_kind(Step *step)
 
 static bool fits_in(const Step *step, size_t size)
 {
-    const size_t many = step->length != 0 ? step->length : 1;
-    return step->size != 0 && step->at <= size && many <= (size - step->at) / step->size &&
+    return step->size != 0 && step->at <= size && element_count(step) <= (size - step->at) / step->size &&
            (step->count_at < 0 || (size_t)step->count_at + 4 <= size);
+}
+
+static bool continues(const Step *step, const Step *next)
+{
+    return step->what == NUMBERS && next->what == NUMBERS && step->size == next->size && step->code != '?' &&
+           next->code != '?' && step->count_at < 0 && next->count_at < 0 &&
+           step->at + step->size * element_count(step) == next->at;
+}
+
+/* Set `alike` of the steps of one message. */
+static void join_numbers(Step *step, const Step *end)
+{
+    while (step < end) {
+        Step *last = step;
+        while (last + 1 < end && continues(last, last + 1))
+            last++;
+        for (; step < last; step++)
+            step->alike = last - step;
+        step += 1 + step->inner;
+    }
 }
 
 /* Append the steps of a class. The steps of a nested message follow its own step. */
@@ -229,7 +248,7 @@ static bool add_steps(Table *self, PyObject *kind, size_t size)
 {
     PyObject *rows = PyObject_GetAttrString(kind, "_steps_");
     bool fits = rows != NULL && PyTuple_Check(rows) && PyList_Append(self->references, rows) == 0;
-    const Py_ssize_t count = fits ? PyTuple_Size(rows) : 0;
+    const Py_ssize_t count = fits ? PyTuple_Size(rows) : 0, first = self->count;
     for (Py_ssize_t index = 0; fits && index < count; index++) {
         const Py_ssize_t place = self->count;
         Step *steps = PyMem_Realloc(self->steps, (size_t)(place + 1) * sizeof *steps), *step;
@@ -256,6 +275,8 @@ static bool add_steps(Table *self, PyObject *kind, size_t size)
             self->has_deferred = self->has_deferred || is_deferred(step);
         }
     }
+    if (fits)
+        join_numbers(self->steps + first, self->steps + self->count);
     Py_XDECREF(rows);
     if (!fits && PyErr_Occurred() == NULL)
         PyErr_SetString(PyExc_TypeError, "a table is a tuple of steps");

@@ -85,10 +85,16 @@ typedef struct Step {
     size_t length;       /* number of elements; 0 = not an array */
     Py_ssize_t count_at; /* offset of the count of a sequence; -1 = none */
     Py_ssize_t inner;    /* number of steps of a nested message */
+    Py_ssize_t alike;    /* number of next steps whose numbers have the same size and follow without padding */
     int what;
     char code, family; /* numbers: as in Python's struct; strings: u, l, w; times: T, D in ms, N in ns, P in s and ns */
     bool truncates, is_duration;
 } Step;
+
+static inline size_t element_count(const Step *step)
+{
+    return step->length != 0 ? step->length : 1;
+}
 
 /* Return true for an array that is copied directly into the slot. */
 static inline bool is_deferred(const Step *step)

@@ -43,6 +43,18 @@ static bool align(Wire *wire, size_t size, bool writes)
     return true;
 }
 
+/* Return the number of elements of a step and the next steps that are like it. */
+static size_t count_alike(const Step *step)
+{
+    const Step *last = step + step->alike;
+    return (last->at - step->at) / step->size + element_count(last);
+}
+
+static bool has_bytes(const Wire *wire, size_t size, size_t count)
+{
+    return size * (count + 1) <= wire->room - wire->at; /* with padding */
+}
+
 static bool put(Wire *wire, const void *from, size_t size, size_t count)
 {
     if (size * count > wire->room - wire->at)
@@ -178,7 +190,7 @@ static bool encode_fields(Wire *wire, const Step *step, const Step *end, const u
     if (step == end) /* a message without fields */
         return wire->is_ros1 || put(wire, "", 1, 1);
     for (; step < end; step += 1 + step->inner) {
-        size_t count = step->length != 0 ? step->length : 1;
+        size_t count = element_count(step);
         if (step->count_at >= 0) {
             uint32_t elements;
             memcpy(&elements, message + step->count_at, sizeof elements);
@@ -187,6 +199,11 @@ static bool encode_fields(Wire *wire, const Step *step, const Step *end, const u
             if (!put_u32(wire, elements))
                 return false;
             count = elements;
+        } else if (step->alike != 0) {
+            if (!put_elements(wire, step, message + step->at, count_alike(step)))
+                return false;
+            step += step->alike;
+            continue;
         }
         if (!put_elements(wire, step, message + step->at, count))
             return false;
@@ -202,7 +219,7 @@ size_t wire_most(const Step *step, const Step *end)
         const size_t each = step->what == MESSAGES  ? wire_most(step + 1, step + 1 + step->inner)
                             : step->what == NUMBERS ? step->size
                                                     : 2 * step->size + 12; /* padding, length or two numbers, UTF-8 */
-        most += 16 + (step->length != 0 ? step->length : 1) * each;
+        most += 16 + element_count(step) * each;
     }
     return most;
 }
@@ -372,7 +389,7 @@ static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigne
     if (step == end) /* a message without fields */
         return wire->is_ros1 || take(wire, &filler, 1, 1);
     for (; step < end; step += 1 + step->inner) {
-        size_t count = step->length != 0 ? step->length : 1;
+        size_t count = element_count(step);
         if (step->count_at >= 0) {
             uint32_t elements;
             if (!take_u32(wire, &elements))
@@ -381,6 +398,10 @@ static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigne
                 return refuse_count(wire->self, step, elements);
             memcpy(message + step->count_at, &elements, sizeof elements);
             count = elements;
+        } else if (step->alike != 0 && has_bytes(wire, step->size, count_alike(step))) {
+            take_numbers(wire, step, message + step->at, count_alike(step));
+            step += step->alike;
+            continue;
         }
         if (!take_elements(wire, step, message + step->at, count))
             return false;
