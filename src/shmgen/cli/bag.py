@@ -99,7 +99,14 @@ def record(
 
 @click.command()
 @click.argument("path", metavar="BAG", type=click.Path(path_type=Path))
-@click.option("-r", "--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True, help="Speed factor.")
+@click.option(
+    "-r",
+    "--rate",
+    type=click.FloatRange(0.001, 1000),
+    default=1.0,
+    show_default=True,
+    help="Speed; 2 plays twice as fast.",
+)
 @click.option("-l", "--loop", is_flag=True, help="Repeat until Ctrl-C.")
 @click.option(
     "--start", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="Skip this many seconds of the recording."

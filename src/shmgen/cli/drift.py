@@ -34,7 +34,7 @@ def _report(command: F) -> F:
             show_default=True,
             help="Lowest severity that sets exit code 1; shmgen prints lower severities as notes.",
         ),
-        click.option("--json", "form", flag_value="json", help="Print JSON; the same as --format json."),
+        click.option("--json", "form", flag_value="json", help="Print JSON; short for --format json."),
         click.option(
             "--format",
             "form",
@@ -61,8 +61,8 @@ def check(
     """Check that definitions, generated files and layout.lock agree.
 
     The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. A change is
-    breaking (a field moved or changed its meaning: rebuild the PLC program and all others), compatible (comments, new
-    constants) or cosmetic (only the text of files).
+    breaking (a field moved or changed its meaning: rebuild the PLC program and all other programs), compatible
+    (comments, new constants) or cosmetic (only the text of files).
     """
     from shmgen.cli import requested
     from shmgen.core.write import current
@@ -109,8 +109,8 @@ def check(
 def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
     """Compare the message layouts of two git revisions.
 
-    OLD and NEW are each a git revision, a layout.lock file, or the folder of a layout.lock. The exit code is 1 after a
-    change of at least the severity of --fail-on.
+    OLD and NEW are each a git revision, a layout.lock file, or the folder of a layout.lock. The exit code is 1 if a
+    change has at least the severity of --fail-on.
     """
     from shmgen.drift import revisions
     from shmgen.drift.compare import compare
@@ -133,7 +133,8 @@ def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
     "--from",
     "origin",
     metavar="REQUIREMENT",
-    help="Requirement for pip in CI, such as 'shmgen[idl] @ git+https://HOST/shmgen'.  [default: this shmgen's origin]",
+    help="Package that pip installs in CI, such as 'shmgen[idl] @ git+https://HOST/shmgen'.  "
+    "[default: source of this shmgen]",
 )
 def init(hook: bool, ci: bool, origin: str | None) -> None:
     """Write shmgen.toml for the packages in the current folder.

@@ -40,7 +40,7 @@ def doctor(topic: str | None, as_json: bool, source: options.Source) -> None:
 @click.option(
     "--force",
     is_flag=True,
-    help="Also remove regions in use. Their processes then exchange no samples with new processes.",
+    help="Also remove regions in use. Processes that use a removed region exchange no samples with new processes.",
 )
 @click.option("--dry-run", is_flag=True, help="Print the files to remove, and remove nothing.")
 @common.report_errors
@@ -221,7 +221,7 @@ def call(service: str, type_name: str, values: str, timeout: float, as_json: boo
 @click.option(
     "-d", "--delay", type=click.FloatRange(0.1), default=1.0, show_default=True, help="Seconds between updates."
 )
-@click.option("--once", is_flag=True, help="Print one table.")
+@click.option("--once", is_flag=True, help="Print one table, and exit.")
 @common.count("tables")
 @common.json_option
 @common.report_errors

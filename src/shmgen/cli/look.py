@@ -14,7 +14,12 @@ import click
 from shmgen.cli import common, options
 
 _window = click.option(
-    "-w", "--window", type=click.IntRange(2), default=10_000, show_default=True, help="Number of samples to measure."
+    "-w",
+    "--window",
+    type=click.IntRange(2),
+    default=10_000,
+    show_default=True,
+    help="Number of newest samples in each report.",
 )
 
 

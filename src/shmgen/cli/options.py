@@ -96,7 +96,7 @@ def source_options(command: F) -> F:
             "--include",
             type=click.Path(path_type=Path),
             multiple=True,
-            help="Folder with message packages, searched before all others; may be repeated.",
+            help="Folder with message packages, searched before all other folders; may be repeated.",
         ),
         click.option(
             "--no-cache",
@@ -104,7 +104,7 @@ def source_options(command: F) -> F:
             is_eager=True,
             expose_value=False,
             callback=_without_cache,
-            help=f"Do not use the results of earlier runs. Setting {cache.OFF} does the same.",
+            help=f"Ignore the results of earlier runs, as with {cache.OFF}=1 in the environment.",
         ),
     ):
         result = option(result)

@@ -83,7 +83,7 @@ def _outcome(row: Row, package: str) -> str:
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("selftest"))
-@click.option("--openplc", is_flag=True, help="Write files for OpenPLC v4 and matiec instead of CODESYS.")
+@click.option("--openplc", is_flag=True, help="Write files for OpenPLC and Beremiz instead of CODESYS.")
 @click.option("--write", is_flag=True, help="Only write the PLC program. Use this option on the machine of the IDE.")
 @click.option(
     "--wait", type=click.FloatRange(0), default=600.0, show_default=True, help="Seconds to wait for each manual step."

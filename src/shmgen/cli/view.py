@@ -22,13 +22,13 @@ from shmgen.core.diagnostics import Diagnostic, Rejected, Span
     type=click.IntRange(0, 65535),
     default=8642,
     show_default=True,
-    help="Port of the page; 0 selects a free one.",
+    help="Port of the page; 0 selects a free port.",
 )
 @click.option("--open", "opens", is_flag=True, help="Open the page in the browser.")
 @click.option(
     "--allow-write",
     is_flag=True,
-    help="Allow to publish samples by hand. Off by default, because a sample may move a machine.",
+    help="Let the user publish samples by hand. Off by default, because a sample may move a machine.",
 )
 @options.source_options
 @common.report_errors
@@ -67,7 +67,7 @@ def view(
     try:
         listening = socket.create_server((HOST, port))
     except OSError as error:
-        hint = "choose another port with --port; 0 selects a free one"
+        hint = "choose another port with --port; 0 selects a free port"
         raise Rejected([Diagnostic("SHM702", str(error.strerror), Span(f"port {port}"), hint=hint)]) from None
     words = [sys.executable, "-m", "shmgen", "view", "--terminal", *([topic] if topic else []), *fields]
     words += ["--allow-write"] if allow_write else []
