@@ -206,7 +206,7 @@ HEADER = (
         "writer",
         "changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane",
     ),
-    HeaderField(140, "u32", "left", "udiLeft", "writer", "the writer's samples have later numbers; 0 = not set"),
+    HeaderField(140, "u32", "left", "udiLeft", "writer", "a number before the writer's first sample; 0 = not set"),
     HeaderField(
         144,
         "u32",

@@ -104,7 +104,7 @@ typedef struct SHMGEN_PACKED shmgen_region {
     uint32_t completed0;     /* 128: number of the newest sample in lane 0, 0 = none yet */
     uint32_t completed1;     /* 132: number of the newest sample in lane 1, 0 = none yet */
     uint32_t turn;           /* 136: changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane */
-    uint32_t left;           /* 140: the writer's samples have later numbers; 0 = not set */
+    uint32_t left;           /* 140: a number before the writer's first sample; 0 = not set */
     uint32_t retired;        /* 144: 1 = region removed or replaced: each end closes it */
     uint32_t ordered;        /* 148: 1 = this machine (x86) keeps the order of stores and loads */
     uint32_t heartbeat;      /* 152: counter that a running writer increments, also without samples */
