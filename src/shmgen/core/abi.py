@@ -107,7 +107,7 @@ NUMBERS = (
     Number(
         "PEER_MS", PEER_MS, "", "a creator that has not set its file's size and group after this time counts as dead"
     ),
-    Number("REMOVED_MS", REMOVED_MS, "", "interval of the checks for a removed region"),
+    Number("REMOVED_MS", REMOVED_MS, "", "interval at which ends check for a removed region"),
 )
 """The constants of the protocol. Constants whose names end with _MS are in milliseconds."""
 

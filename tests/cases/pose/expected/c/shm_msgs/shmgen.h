@@ -78,7 +78,7 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_POLL_MS 1                        /* interval of a polling reader */
 #define SHMGEN_HEARTBEAT_MS 50                  /* longest interval between two heartbeats of a waiting server */
 #define SHMGEN_PEER_MS 100                      /* a creator that has not set its file's size and group after this time counts as dead */
-#define SHMGEN_REMOVED_MS 100                   /* interval of the checks for a removed region */
+#define SHMGEN_REMOVED_MS 100                   /* interval at which ends check for a removed region */
 
 /* A time or duration, if shmgen.toml contains time = "struct". */
 typedef struct SHMGEN_PACKED shmgen_seconds {
