@@ -60,31 +60,36 @@ NUMBERS = (
     Number("ABI", ABI, "UINT", "version of the protocol"),
     Number("HEADER_SIZE", HEADER_SIZE, "UINT", "bytes before slot 0"),
     Number("SLOT_HEADER", SLOT_HEADER, "UDINT", "bytes before the payload of a slot"),
-    Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; the size of each slot is a multiple"),
+    Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; slot sizes are multiples of this number"),
     Number("LANES", LANES, "UDINT", "arrays of slots in a region; each writer uses only one lane"),
-    Number("PAGE", PAGE, "UDINT", "bytes; the size of each region is a multiple"),
-    Number("PLC", PLC, "UDINT", "common process id of all PLCs, which cannot determine their own"),
+    Number("PAGE", PAGE, "UDINT", "bytes; region sizes are multiples of this number"),
+    Number("PLC", PLC, "UDINT", "process id of every PLC, which cannot determine its own"),
     Number("LAST", LAST, "UDINT", "largest sample number"),
     Number(
         "RESTART_GAP",
         RESTART_GAP,
         "UDINT",
-        "samples; a gap of this size or more means that the numbers restarted",
+        "numbers have restarted if a sample's number is this far ahead or farther",
     ),
     Number(
         "FORGET",
         FORGET,
         "UDINT",
-        "samples between two resets of the other lane's `completed`, whose old number would later look new",
+        "samples after which a writer clears the other lane's `completed`: its old number would later look new",
     ),
-    Number("LEFT_OUT", LEFT_OUT, "UDINT", "most sample numbers that a takeover skips"),
+    Number("LEFT_OUT", LEFT_OUT, "UDINT", "maximum number of sample numbers that a takeover skips"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "largest depth, in samples"),
-    Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of a type name, without the terminating 0"),
+    Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of the longest type name, without the terminating 0"),
     Number("MAX_NAME", MAX_NAME, "UDINT", "maximum length of a region's name: STRING(80) minus '-event'"),
     Number("MAX_CALL_NAME", MAX_CALL_NAME, "", "length limit of service and action names: MAX_NAME minus '-response'"),
-    Number("WRITER_LOCK", WRITER_LOCK, "", "byte under the record lock of the writer"),
-    Number("REPAIR_LOCK", REPAIR_LOCK, "", "byte under a record lock during creation, lock recovery and removal"),
-    Number("READER_LOCK", READER_LOCK, "", "byte under the shared record lock of all readers"),
+    Number("WRITER_LOCK", WRITER_LOCK, "", "byte that the writer's record lock covers"),
+    Number(
+        "REPAIR_LOCK",
+        REPAIR_LOCK,
+        "",
+        "byte that a record lock covers during creation, lock recovery and removal",
+    ),
+    Number("READER_LOCK", READER_LOCK, "", "byte that the shared record lock of readers covers"),
     Number("RETRY_MS", RETRY_MS, "UDINT", "interval at which a PLC retries to open a region"),
     Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat is unchanged for this long counts as dead"),
     Number(
@@ -96,11 +101,13 @@ NUMBERS = (
     Number("RECOVER_MS", RECOVER_MS, "UDINT", "a lock with the same holder for this long is stuck"),
     Number("DEAD_MS", DEAD_MS, "", "a lock whose holder no longer exists is stuck after this time"),
     Number("LOCK_MS", LOCK_MS, "", "default timeout for the lock"),
-    Number("WAKE_MS", WAKE_MS, "", "longest sleep of a waiting reader, and delay of a lost wake-up"),
+    Number("WAKE_MS", WAKE_MS, "", "longest sleep of a waiting reader, also after a lost wake-up"),
     Number("POLL_MS", POLL_MS, "", "interval of a polling reader"),
     Number("HEARTBEAT_MS", HEARTBEAT_MS, "", "longest interval between two heartbeats of a waiting server"),
-    Number("PEER_MS", PEER_MS, "", "a creator that has not set its file's size and group after this time is dead"),
-    Number("REMOVED_MS", REMOVED_MS, "", "interval of the checks for a removed region"),
+    Number(
+        "PEER_MS", PEER_MS, "", "a creator that has not set its file's size and group after this time counts as dead"
+    ),
+    Number("REMOVED_MS", REMOVED_MS, "", "interval at which ends check for a removed region"),
 )
 """The constants of the protocol. Constants whose names end with _MS are in milliseconds."""
 
@@ -145,11 +152,18 @@ class HeaderField(NamedTuple):
 
 _PLC = f"16#{PLC:08X} = a PLC"
 HEADER = (
-    HeaderField(0, "u32", "magic", "dwMagic", CREATOR, f"16#{MAGIC:08X}, 'SHMG'; written last, 0 = not created yet"),
+    HeaderField(
+        0,
+        "u32",
+        "magic",
+        "dwMagic",
+        CREATOR,
+        f"16#{MAGIC:08X} ('SHMG'), written last; 0 = header incomplete",
+    ),
     HeaderField(4, "u16", "abi", "uiAbi", CREATOR, f"version of the protocol: {ABI}"),
     HeaderField(6, "u16", "header_size", "uiHeaderSize", CREATOR, f"size of this header: {HEADER_SIZE} bytes"),
     HeaderField(8, "u64", "digest", "lwDigest", CREATOR, "layout digest of the message"),
-    HeaderField(16, "u32", "payload_size", "udiPayloadSize", CREATOR, "bytes of one message"),
+    HeaderField(16, "u32", "payload_size", "udiPayloadSize", CREATOR, "size of one message in bytes"),
     HeaderField(
         20,
         "u32",
@@ -166,7 +180,7 @@ HEADER = (
         "type_name",
         "abyTypeName",
         CREATOR,
-        "such as 'geometry_msgs/msg/Pose', then 0 bytes",
+        "message type, such as 'geometry_msgs/msg/Pose'; unused bytes are 0",
     ),
     HeaderField(
         128,
@@ -192,14 +206,14 @@ HEADER = (
         "writer",
         "changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane",
     ),
-    HeaderField(140, "u32", "left", "udiLeft", "writer", "number after which the writer's samples begin; 0 = not set"),
+    HeaderField(140, "u32", "left", "udiLeft", "writer", "a number before the writer's first sample; 0 = not set"),
     HeaderField(
         144,
         "u32",
         "retired",
         "udiRetired",
         "remover",
-        "1 = removed or replaced; each end closes the region",
+        "1 = region removed or replaced: each end closes it",
     ),
     HeaderField(
         148,
@@ -210,7 +224,12 @@ HEADER = (
         "1 = this machine (x86) keeps the order of stores and loads",
     ),
     HeaderField(
-        152, "u32", "heartbeat", "udiHeartbeat", "writer", "incremented while the writer runs, also without samples"
+        152,
+        "u32",
+        "heartbeat",
+        "udiHeartbeat",
+        "writer",
+        "counter that a running writer increments, also without samples",
     ),
     HeaderField(156, "u32", "lock_holder", "udiLockHolder", "lock holder", f"holder's process id; {_PLC}, 0 = free"),
     HeaderField(160, "u32", "recoveries", "udiRecoveries", "recoverer", "number of recoveries of a stuck lock"),
@@ -223,13 +242,13 @@ HEADER = (
         "1 = a reader waits; the writer stores 0 and wakes all readers",
     ),
     HeaderField(168, "u32", "lock_count", "udiLockCount", "lock holder", "incremented at each acquisition of the lock"),
-    HeaderField(172, "u32", "missed", "udiMissed", "readers", "samples that readers missed, for diagnosis"),
-    HeaderField(176, "u32", "bell", "udiBell", "writer", "sample number at which the writer last woke readers"),
+    HeaderField(172, "u32", "missed", "udiMissed", "readers", "missed samples of all readers, shown by tools"),
+    HeaderField(176, "u32", "bell", "udiBell", "writer", "number of the sample for which the writer last woke readers"),
 )
 
 SLOT = (
     HeaderField(0, "u64", "stamp_ns", "lwStamp", "writer", "the writer's wall clock in ns since 1970, 0 = unknown"),
-    HeaderField(8, "u32", "number", "udiNumber", "writer", "number of the sample, 0 = incomplete"),
+    HeaderField(8, "u32", "number", "udiNumber", "writer", "number of the sample; 0 = the sample is incomplete"),
 )
 
 

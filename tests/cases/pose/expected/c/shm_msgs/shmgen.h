@@ -53,32 +53,32 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_ABI 2                            /* version of the protocol */
 #define SHMGEN_HEADER_SIZE 192                  /* bytes before slot 0 */
 #define SHMGEN_SLOT_HEADER 16                   /* bytes before the payload of a slot */
-#define SHMGEN_SLOT_STEP 64                     /* bytes; the size of each slot is a multiple */
+#define SHMGEN_SLOT_STEP 64                     /* bytes; slot sizes are multiples of this number */
 #define SHMGEN_LANES 2                          /* arrays of slots in a region; each writer uses only one lane */
-#define SHMGEN_PAGE 4096                        /* bytes; the size of each region is a multiple */
-#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* common process id of all PLCs, which cannot determine their own */
+#define SHMGEN_PAGE 4096                        /* bytes; region sizes are multiples of this number */
+#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* process id of every PLC, which cannot determine its own */
 #define SHMGEN_LAST UINT32_C(0xFFFFFFFF)        /* largest sample number */
-#define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* samples; a gap of this size or more means that the numbers restarted */
-#define SHMGEN_FORGET UINT32_C(0x10000000)      /* samples between two resets of the other lane's `completed`, whose old number would later look new */
-#define SHMGEN_LEFT_OUT 2                       /* most sample numbers that a takeover skips */
+#define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* numbers have restarted if a sample's number is this far ahead or farther */
+#define SHMGEN_FORGET UINT32_C(0x10000000)      /* samples after which a writer clears the other lane's `completed`: its old number would later look new */
+#define SHMGEN_LEFT_OUT 2                       /* maximum number of sample numbers that a takeover skips */
 #define SHMGEN_MAX_DEPTH 65535                  /* largest depth, in samples */
-#define SHMGEN_MAX_TYPE_NAME 95                 /* bytes of a type name, without the terminating 0 */
+#define SHMGEN_MAX_TYPE_NAME 95                 /* bytes of the longest type name, without the terminating 0 */
 #define SHMGEN_MAX_NAME 74                      /* maximum length of a region's name: STRING(80) minus '-event' */
 #define SHMGEN_MAX_CALL_NAME 65                 /* length limit of service and action names: MAX_NAME minus '-response' */
-#define SHMGEN_WRITER_LOCK 0                    /* byte under the record lock of the writer */
-#define SHMGEN_REPAIR_LOCK 1                    /* byte under a record lock during creation, lock recovery and removal */
-#define SHMGEN_READER_LOCK 2                    /* byte under the shared record lock of all readers */
+#define SHMGEN_WRITER_LOCK 0                    /* byte that the writer's record lock covers */
+#define SHMGEN_REPAIR_LOCK 1                    /* byte that a record lock covers during creation, lock recovery and removal */
+#define SHMGEN_READER_LOCK 2                    /* byte that the shared record lock of readers covers */
 #define SHMGEN_RETRY_MS 500                     /* interval at which a PLC retries to open a region */
 #define SHMGEN_CLAIM_MS 1000                    /* a writer whose heartbeat is unchanged for this long counts as dead */
 #define SHMGEN_CONFIRM_MS 100                   /* a new writer owns the topic if its id in `writer` is unchanged after this time */
 #define SHMGEN_RECOVER_MS 1000                  /* a lock with the same holder for this long is stuck */
 #define SHMGEN_DEAD_MS 50                       /* a lock whose holder no longer exists is stuck after this time */
 #define SHMGEN_LOCK_MS 10                       /* default timeout for the lock */
-#define SHMGEN_WAKE_MS 10                       /* longest sleep of a waiting reader, and delay of a lost wake-up */
+#define SHMGEN_WAKE_MS 10                       /* longest sleep of a waiting reader, also after a lost wake-up */
 #define SHMGEN_POLL_MS 1                        /* interval of a polling reader */
 #define SHMGEN_HEARTBEAT_MS 50                  /* longest interval between two heartbeats of a waiting server */
-#define SHMGEN_PEER_MS 100                      /* a creator that has not set its file's size and group after this time is dead */
-#define SHMGEN_REMOVED_MS 100                   /* interval of the checks for a removed region */
+#define SHMGEN_PEER_MS 100                      /* a creator that has not set its file's size and group after this time counts as dead */
+#define SHMGEN_REMOVED_MS 100                   /* interval at which ends check for a removed region */
 
 /* A time or duration, if shmgen.toml contains time = "struct". */
 typedef struct SHMGEN_PACKED shmgen_seconds {
@@ -92,28 +92,28 @@ SHMGEN_STATIC_ASSERT(sizeof(shmgen_seconds) == 8, "shmgen_seconds");
  * The fields writer and lock_holder contain a process id, or SHMGEN_PLC for a PLC. Constants that end with _MS are
  * in milliseconds. The comment of a member begins with its offset in bytes. */
 typedef struct SHMGEN_PACKED shmgen_region {
-    uint32_t magic;          /* 0: 0x474D4853, 'SHMG'; written last, 0 = not created yet */
+    uint32_t magic;          /* 0: 0x474D4853 ('SHMG'), written last; 0 = header incomplete */
     uint16_t abi;            /* 4: version of the protocol: 2 */
     uint16_t header_size;    /* 6: size of this header: 192 bytes */
     uint64_t digest;         /* 8: layout digest of the message */
-    uint32_t payload_size;   /* 16: bytes of one message */
+    uint32_t payload_size;   /* 16: size of one message in bytes */
     uint32_t slot_size;      /* 20: 16 + payload_size, rounded up to a multiple of 64 bytes */
     uint32_t writer;         /* 24: writer's process id; 0xFFFFFFFF = a PLC, 0 = no writer */
     uint32_t slots;          /* 28: slots in each of the two lanes: a power of two, at least 2 */
-    char type_name[96];      /* 32: such as 'geometry_msgs/msg/Pose', then 0 bytes */
+    char type_name[96];      /* 32: message type, such as 'geometry_msgs/msg/Pose'; unused bytes are 0 */
     uint32_t completed0;     /* 128: number of the newest sample in lane 0, 0 = none yet */
     uint32_t completed1;     /* 132: number of the newest sample in lane 1, 0 = none yet */
     uint32_t turn;           /* 136: changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane */
-    uint32_t left;           /* 140: number after which the writer's samples begin; 0 = not set */
-    uint32_t retired;        /* 144: 1 = removed or replaced; each end closes the region */
+    uint32_t left;           /* 140: a number before the writer's first sample; 0 = not set */
+    uint32_t retired;        /* 144: 1 = region removed or replaced: each end closes it */
     uint32_t ordered;        /* 148: 1 = this machine (x86) keeps the order of stores and loads */
-    uint32_t heartbeat;      /* 152: incremented while the writer runs, also without samples */
+    uint32_t heartbeat;      /* 152: counter that a running writer increments, also without samples */
     uint32_t lock_holder;    /* 156: holder's process id; 0xFFFFFFFF = a PLC, 0 = free */
     uint32_t recoveries;     /* 160: number of recoveries of a stuck lock */
     uint32_t armed;          /* 164: 1 = a reader waits; the writer stores 0 and wakes all readers */
     uint32_t lock_count;     /* 168: incremented at each acquisition of the lock */
-    uint32_t missed;         /* 172: samples that readers missed, for diagnosis */
-    uint32_t bell;           /* 176: sample number at which the writer last woke readers */
+    uint32_t missed;         /* 172: missed samples of all readers, shown by tools */
+    uint32_t bell;           /* 176: number of the sample for which the writer last woke readers */
     uint8_t reserved180[12]; /* 180: 0 */
 } shmgen_region;
 
@@ -167,7 +167,7 @@ SHMGEN_STATIC_ASSERT(sizeof(((shmgen_region *)0)->reserved180) == 12, "reserved1
 
 typedef struct SHMGEN_PACKED shmgen_slot {
     uint64_t stamp_ns;     /* 0: the writer's wall clock in ns since 1970, 0 = unknown */
-    uint32_t number;       /* 8: number of the sample, 0 = incomplete */
+    uint32_t number;       /* 8: number of the sample; 0 = the sample is incomplete */
     uint8_t reserved12[4]; /* 12: 0 */
 } shmgen_slot;
 
