@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from tests.support.plc_demo import Clock, Demo
 
 # The machine may be busy, so how long an example takes says nothing about it. The examples are the same in each run, so
-# that no commit is red over the fault of another; `make fuzz` and `make fuzz-walkers` draw new ones. For a planted fault
-# the first failing example is enough, and shrinking it takes minutes.
+# that no commit is red over the fault of another; `make fuzz` and `make fuzz-walkers` draw new ones. The first failing
+# example of a planted fault is enough, because shrinking an example takes minutes.
 settings.register_profile(
     "any machine",
     deadline=None,

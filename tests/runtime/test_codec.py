@@ -492,8 +492,8 @@ def test_nothing_stays_behind(tree_kind):
         gc.collect()
         return int(Path("/proc/self/statm").read_text().split()[1])
 
-    held = [sys.getrefcount(kind) for kind in (tree_kind, type(ways.codec))]
     before = work(200)
+    held = [sys.getrefcount(kind) for kind in (tree_kind, type(ways.codec))]
     assert work(1000) - before < 256, "pages"
     assert engine.codec(tree_kind) is ways.codec, "made once"
     assert [sys.getrefcount(kind) for kind in (tree_kind, type(ways.codec))] == held
@@ -549,6 +549,7 @@ def sanitized(folder: Path, fault: tuple[str, str, str] | None, chosen: str) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_sanitizers_find_nothing(tmp_path: Path) -> None:
     done = sanitized(tmp_path, None, "not sanitizers and not behind and not planted")
     assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
