@@ -35,6 +35,8 @@ RUNTIME = {"_core.abi3.so": tuple(f"runtime/extension/{name}.c" for name in ("co
 ALL = RUNTIME | {"_alarm.abi3.so": ("bridge/common/alarm.c",)}
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""
+FLAGS = ("-O2", "-std=gnu11", "-fPIC", "-pthread", f"-DPy_LIMITED_API=0x{LIMITED[0]:02X}{LIMITED[1]:02X}0000")
+"""What each file in C is compiled with."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")
 PAGES = {
     "Documentation": "tree/{tag}/docs",
@@ -77,20 +79,12 @@ def build_extension(target: Path) -> str:
     compiler = shlex.split(os.environ.get("CC", "")) or [shutil.which("cc") or shutil.which("gcc") or "clang"]
     printed = tempfile.TemporaryDirectory()
     temporary = target.with_name(f"{target.name}.{os.getpid()}")  # whoever has the old one mapped keeps it
-    flags = [
-        "-O2",
-        "-std=gnu11",
-        "-fPIC",
-        "-shared",
-        "-pthread",
-        f"-DPy_LIMITED_API=0x{LIMITED[0]:02X}{LIMITED[1]:02X}0000",
-    ]
     folders = (sysconfig.get_path("include"), HEADERS, printed.name)
     sources = (str(SOURCES / source) for source in ALL[target.name])
     where = [*(f"-I{folder}" for folder in folders), *sources, "-o", str(temporary)]
     try:
         print_header(Path(printed.name))
-        done = subprocess.run([*compiler, *flags, *where], capture_output=True, text=True, check=False)
+        done = subprocess.run([*compiler, *FLAGS, "-shared", *where], capture_output=True, text=True, check=False)
         if done.returncode == 0:
             temporary.replace(target)
             return ""
