@@ -78,12 +78,16 @@ GROWTH_OF_ZENOH = 40
 
 @dataclass
 class Verdict:
-    """The result of a run. `gap` is the longest pause of a heartbeat of CALM in seconds, `cpu` a share of one core."""
+    """The result of a run. `gap` is the longest pause of a heartbeat of CALM in seconds, `cpu` a share of one core.
+
+    `uncounted` is the number of messages of each topic that are in no counter.
+    """
 
     mishaps: Counter[str] = field(default_factory=Counter)
     gap: float = 0.0
     sent: int = 0
     counted: Counter[str] = field(default_factory=Counter)
+    uncounted: Counter[str] = field(default_factory=Counter)
     memory: list[float] = field(default_factory=lambda: [nan])
     descriptors: list[int] = field(default_factory=lambda: [0])
     cpu: float = 0.0
@@ -95,7 +99,8 @@ class Verdict:
         size = f"{self.memory[first]:.0f} to {self.memory[-1]:.0f} MiB"
         return (
             f"{sum(self.mishaps.values()):,} mishaps {dict(sorted(self.mishaps.items()))}; "
-            f"longest gap {self.gap:.3f} s; {self.sent:,} sent: {counts}; {size}, "
+            f"longest gap {self.gap:.3f} s; {self.sent:,} sent: {counts}; "
+            f"in no counter {dict(self.uncounted)}; {size}, "
             f"{self.descriptors[first]} to {self.descriptors[-1]} descriptors, {100 * self.cpu:.0f} % of a core"
         )
 
@@ -442,7 +447,9 @@ def judge(stage: Stage, verdict: Verdict) -> None:
         counts.pop("truncated", None)
         verdict.sent += sent
         verdict.counted.update(counts)
-        if sum(counts.values()) != sent and not counts.get("lost"):
+        if sent != sum(counts.values()):
+            verdict.uncounted[name] = sent - sum(counts.values())
+        if verdict.uncounted[name] and not counts.get("lost"):
             verdict.complaints.append(f"{name}: {sent} sent, and {counts}")
     if stage.strangers:
         patterns = [

@@ -142,6 +142,7 @@ def test_fields_on_the_command_line_are_plotted_at_once(moving, registry):
             curves = app.screen._source.curves
             await until(pilot, lambda: len(curves.get("pose.position.x", ())) > 3)
             assert list(curves) == ["pose.position.x"]
+            await until(pilot, lambda: len(app._notifications) > 0)
             assert [notice.message for notice in app._notifications] == [
                 "header.frame_id is no longer plotted, or is not a number"
             ]
