@@ -11,6 +11,8 @@ import pytest
 
 from ..support import cpp_peer
 
+pytestmark = pytest.mark.slow
+
 pytestmark = pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm") is None, reason="no g++ and binutils")
 
 ASKED = {
@@ -74,7 +76,6 @@ int main(int, char **words)
 """
 
 
-@pytest.mark.slow
 def test_c_calls_nothing_that_takes_memory_or_prints(generated: Path, tmp_path: Path) -> None:
     # shmgen_block.h allocates the ends of a PLC's function block at the first call, shmgen_notifier.h its thread.
     apart = ("shmgen_block", "shmgen_notifier")
@@ -102,7 +103,6 @@ def test_c_calls_nothing_that_takes_memory_or_prints(generated: Path, tmp_path: 
     assert not [name for kind, name in symbols if kind in "BbDdCGgSs"]
 
 
-@pytest.mark.slow
 def test_a_cycle_in_cpp_takes_no_memory(generated: Path, tmp_path: Path, topic: str) -> None:
     source = tmp_path / "cycle.cpp"
     source.write_text(CYCLE)

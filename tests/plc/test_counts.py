@@ -20,6 +20,8 @@ from ..support.counts import DEFINITIONS, MOST, PACKAGE, PLACES, spoil, tree
 from ..support.plc_calls import nth
 from ..support.plc_demo import ready
 
+pytestmark = pytest.mark.slow
+
 
 @dataclass(frozen=True)
 class Counts:
@@ -50,7 +52,6 @@ def counts(tmp_path_factory: pytest.TempPathFactory) -> Counts:
     return Counts(plc, *modules)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("path", "count"), PLACES)
 def test_a_sample_with_a_count_too_high_is_not_taken(counts: Counts, topic: str, path: str, count: int) -> None:
     with counts.msg.TreePublisher(topic) as publisher:
@@ -71,7 +72,6 @@ def test_a_sample_with_a_count_too_high_is_not_taken(counts: Counts, topic: str,
         assert (block.udiSequence, block.udiMissed, block.udiRefused) == (4, 0, 2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", ["crown[1].leaves[0].weights", "trunk.leaves[2].weights"])
 def test_what_is_not_valid_is_not_looked_at(counts: Counts, topic: str, path: str) -> None:
     """Behind the last valid element there may be anything."""
@@ -85,7 +85,6 @@ def test_what_is_not_valid_is_not_looked_at(counts: Counts, topic: str, path: st
         assert (block.xValid, block.eErrorID) == (True, "NO_ERROR")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("path", "count"), PLACES)
 def test_a_sample_with_a_count_too_high_is_not_written(counts: Counts, topic: str, path: str, count: int) -> None:
     block = counts.block("Tree_Publisher", sTopic=topic, udiDepth=1)
@@ -106,7 +105,6 @@ def test_a_sample_with_a_count_too_high_is_not_written(counts: Counts, topic: st
     assert (block(xSend=True).xSent, block.eErrorID, block.udiSequence) == (True, "NO_ERROR", 2)
 
 
-@pytest.mark.slow
 def test_each_sample_counts_where_each_is_read(counts: Counts, topic: str) -> None:
     with counts.msg.TreePublisher(topic, depth=4) as publisher:
         block = counts.block("Tree_Subscriber", sTopic=topic, xNewest=False, udiDepth=4)
@@ -122,7 +120,6 @@ def test_each_sample_counts_where_each_is_read(counts: Counts, topic: str) -> No
         assert (block.eErrorID, block.xError) == ("NO_ERROR", False)
 
 
-@pytest.mark.slow
 def test_a_call_with_a_count_too_high_is_answered_without_a_job(counts: Counts, topic: str) -> None:
     server = counts.block("Sort_Server", sService=topic)
     with counts.srv.SortClient(topic) as client:
@@ -144,7 +141,6 @@ def test_a_call_with_a_count_too_high_is_answered_without_a_job(counts: Counts, 
                 assert (server.Request.items_count, list(server.Request.items)[:2]) == (2, [3, 1])
 
 
-@pytest.mark.slow
 def test_a_refused_call_is_answered_before_the_next_is_taken(counts: Counts, topic: str) -> None:
     server, client = counts.block("Sort_Server", sService=topic), counts.block("Sort_Client", sService=topic)
     client.Request.items_count = 5
@@ -158,7 +154,6 @@ def test_a_refused_call_is_answered_before_the_next_is_taken(counts: Counts, top
     assert (server().xExecute, server.udiCall, server.eErrorID) == (True, nth(2), "NO_ERROR")
 
 
-@pytest.mark.slow
 def test_an_answer_with_a_count_too_high_ends_the_call(counts: Counts, topic: str) -> None:
     server, client = counts.block("Sort_Server", sService=topic), counts.block("Sort_Client", sService=topic)
     for count, seen, error in ((4, True, "NO_ERROR"), (5, False, "COUNT_EXCEEDED"), (0, True, "NO_ERROR")):
@@ -176,7 +171,6 @@ def walk(counts: Counts, topic: str) -> tuple[Block, Block]:
     return counts.block("Walk_ActionServer", sAction=topic), counts.block("Walk_ActionClient", sAction=topic)
 
 
-@pytest.mark.slow
 def test_a_goal_with_a_count_too_high_is_rejected(counts: Counts, topic: str) -> None:
     server, client = walk(counts, topic)
     client.Goal.steps_count = 4
@@ -190,7 +184,6 @@ def test_a_goal_with_a_count_too_high_is_rejected(counts: Counts, topic: str) ->
     assert (server().xExecute, server.eErrorID, server.Goal.steps_count) == (True, "NO_ERROR", 3)
 
 
-@pytest.mark.slow
 def test_feedback_and_result_with_a_count_too_high(counts: Counts, topic: str) -> None:
     server, client = walk(counts, topic)
     client(xExecute=True)
@@ -207,7 +200,6 @@ def test_feedback_and_result_with_a_count_too_high(counts: Counts, topic: str) -
     assert client.Result.left_count == 0
 
 
-@pytest.mark.slow
 def test_a_block_without_sequences_has_nothing_to_check(tmp_path: Path) -> None:
     put({"counts_msgs/msg/Plain.msg": "uint32 a\nfloat64[3] b\n"}, tmp_path)
     config = Config(tmp_path, path=(tmp_path,), targets=("st",))

@@ -12,6 +12,8 @@ import pytest
 from tests.softplc import Plc, compile_st
 from tests.softplc.objects_for_tests import FILES, program
 
+pytestmark = pytest.mark.slow
+
 
 class Case(NamedTuple):
     """`variables` declares, `body` runs once, `expected` is read afterwards."""
@@ -232,14 +234,12 @@ def plc() -> Plc:
     return compile_st(FILES | {f"P{n}.st": text for n, text in enumerate(texts)})
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("title", CASES)
 def test_construct(plc: Plc, title: str) -> None:
     block = plc.block(f"P{list(CASES).index(title)}")()
     assert {path: found(block, path) for path in CASES[title].expected} == CASES[title].expected
 
 
-@pytest.mark.slow
 def test_what_is_packed_begins_where_its_members_lie_well() -> None:
     """A generated DUT has its gaps as members, and counts on its place: ARM of 32 bits does not read beside it."""
     text = program("P", "x : BYTE; a : ST_Packed; y : BYTE; b : ARRAY[0..1] OF ST_Packed;", "y := x;")
@@ -253,7 +253,6 @@ def found(view: Any, path: str) -> Any:
     return view
 
 
-@pytest.mark.slow
 def test_an_operand_in_shared_memory_is_looked_at_once() -> None:
     """A word that others make 0 and 2, 2 and 0 is never found to be 1."""
     looks = """FOR n := 1 TO 1000000 DO
@@ -272,14 +271,12 @@ def test_an_operand_in_shared_memory_is_looked_at_once() -> None:
     assert block.wrong == 0
 
 
-@pytest.mark.slow
 def test_two_plcs_in_one_process_share_nothing() -> None:
     text = "{attribute 'qualified_only'} VAR_GLOBAL CONSTANT N : INT := %d; END_VAR"
     one, two = (compile_st({"GVL.st": text % n, "P.st": program("P", "n : INT", "n := GVL.N;")}) for n in (1, 2))
     assert (one.block("P")().n, two.block("P")().n) == (1, 2)
 
 
-@pytest.mark.slow
 def test_a_library_stays_where_it_is_told(tmp_path: Path) -> None:
     text = program("P", "n : INT", "n := n + 1;")
     compile_st({"P.st": text}, tmp_path)
