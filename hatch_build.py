@@ -36,7 +36,7 @@ ALL = RUNTIME | {"_alarm.abi3.so": ("bridge/common/alarm.c",)}
 LIMITED = (3, 10)
 """The oldest Python that the binary runs on; so it does on all later ones."""
 FLAGS = ("-O2", "-std=gnu11", "-fPIC", "-pthread", f"-DPy_LIMITED_API=0x{LIMITED[0]:02X}{LIMITED[1]:02X}0000")
-"""What each file in C is compiled with."""
+"""The compiler options for each file in C."""
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)#:\s]+)((?:#[^)]*)?)\)")
 PAGES = {
     "Documentation": "tree/{tag}/docs",
