@@ -11,9 +11,10 @@ import pytest
 
 from ..support import cpp_peer
 
-pytestmark = pytest.mark.slow
-
-pytestmark = pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm") is None, reason="no g++ and binutils")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm") is None, reason="no g++ and binutils"),
+]
 
 ASKED = {
     "copying": "memcpy memset memcmp memchr strlen strcmp strchr strncmp strcasecmp strcpy strncpy strcat",

@@ -94,7 +94,7 @@ def graph(logged: list[str]) -> Iterator[Graph]:
     node.close()
 
 
-@pytest.fixture(scope="session", params=["fast", "cyclone"])
+@pytest.fixture(scope="session", params=[pytest.param("fast", marks=pytest.mark.slow), "cyclone"])
 def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, schema: Schema) -> Path:
     """A program of another vendor, built once for all workers."""
     if tool := peers.missing(request.param):

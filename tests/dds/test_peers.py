@@ -35,7 +35,6 @@ def words(wire: Wire, back: Wire | None = None) -> list[str]:
     return [type_name(wire.type), *names]
 
 
-@pytest.mark.family("cyclone")
 def test_what_a_peer_sends_back_is_what_was_sent(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
@@ -61,7 +60,6 @@ def test_what_a_peer_sends_back_is_what_was_sent(
 
 
 @pytest.mark.parametrize("qos", ["reliable", "best_effort"])
-@pytest.mark.family("[cyclone-")
 def test_a_peer_reads_our_values_and_we_read_its(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str, qos: str
 ) -> None:
@@ -81,7 +79,6 @@ def test_a_peer_reads_our_values_and_we_read_its(
         program.wait_for_line(f"^took {re.escape(SAID)}$")
 
 
-@pytest.mark.family("[cyclone]")
 def test_who_comes_late_hears_the_newest(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str
 ) -> None:
@@ -116,7 +113,6 @@ def test_a_peer_that_went_and_came_is_known_again(
             came.get()
 
 
-@pytest.mark.family("[cyclone]")
 def test_a_peer_of_another_reliability_is_adopted_or_reported(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]
 ) -> None:
