@@ -217,9 +217,8 @@ def test_a_controller_that_is_killed_is_seen_by_the_plc(cell: Cell) -> None:
             controller = cell.controller(60_000)
             until(controller, "running")
             deadline = time.monotonic() + 20
-            while reader.wait(0.5) is None:
+            while reader.wait(0.5) is None or reader.is_stale(0.1):  # the sample may be that of the last controller
                 assert time.monotonic() < deadline
-            assert not reader.is_stale(0.1)
             controller.kill()
             deadline = time.monotonic() + 2
             while not reader.is_stale(0.1):
