@@ -223,6 +223,7 @@ static bool fits_in(const Step *step, size_t size)
            (step->count_at < 0 || (size_t)step->count_at + 4 <= size);
 }
 
+/* Return true if both steps are plain numbers of one size, and `next` begins where `step` ends. */
 static bool continues(const Step *step, const Step *next)
 {
     return step->what == NUMBERS && next->what == NUMBERS && step->size == next->size && step->code != '?' &&
@@ -230,15 +231,17 @@ static bool continues(const Step *step, const Step *next)
            step->at + step->size * element_count(step) == next->at;
 }
 
-/* Set `alike` of the steps of one message. */
+/* Set `alike` and `together` of the steps of one message. */
 static void join_numbers(Step *step, const Step *end)
 {
     while (step < end) {
         Step *last = step;
         while (last + 1 < end && continues(last, last + 1))
             last++;
-        for (; step < last; step++)
+        for (; step < last; step++) {
             step->alike = last - step;
+            step->together = (last->at - step->at) / step->size + element_count(last);
+        }
         step += 1 + step->inner;
     }
 }

@@ -86,6 +86,7 @@ typedef struct Step {
     Py_ssize_t count_at; /* offset of the count of a sequence; -1 = none */
     Py_ssize_t inner;    /* number of steps of a nested message */
     Py_ssize_t alike;    /* number of next steps whose numbers have the same size and follow without padding */
+    size_t together;     /* if `alike` is not zero: number of elements of all these steps and this step */
     int what;
     char code, family; /* numbers: as in Python's struct; strings: u, l, w; times: T, D in ms, N in ns, P in s and ns */
     bool truncates, is_duration;

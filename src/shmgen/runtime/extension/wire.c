@@ -43,16 +43,10 @@ static bool align(Wire *wire, size_t size, bool writes)
     return true;
 }
 
-/* Return the number of elements of a step and the next steps that are like it. */
-static size_t count_alike(const Step *step)
+/* Return true if the data contains these numbers and any padding before them. */
+static bool has_numbers(const Wire *wire, size_t size, size_t count)
 {
-    const Step *last = step + step->alike;
-    return (last->at - step->at) / step->size + element_count(last);
-}
-
-static bool has_bytes(const Wire *wire, size_t size, size_t count)
-{
-    return size * (count + 1) <= wire->room - wire->at; /* with padding */
+    return size * (count + 1) <= wire->room - wire->at;
 }
 
 static bool put(Wire *wire, const void *from, size_t size, size_t count)
@@ -93,6 +87,7 @@ static bool is_ascii(const unsigned char *text, size_t length)
 
 /* --- to ROS -------------------------------------------------------------------------------------------------- */
 
+/* Set the parts of an unset stamp to the time that `now` returns. */
 static bool fill_stamp(const Wire *wire, int64_t parts[2])
 {
     PyObject *time = PyObject_CallObject(wire->now, NULL);
@@ -200,7 +195,7 @@ static bool encode_fields(Wire *wire, const Step *step, const Step *end, const u
                 return false;
             count = elements;
         } else if (step->alike != 0) {
-            if (!put_elements(wire, step, message + step->at, count_alike(step)))
+            if (!put_elements(wire, step, message + step->at, step->together))
                 return false;
             step += step->alike;
             continue;
@@ -398,8 +393,8 @@ static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigne
                 return refuse_count(wire->self, step, elements);
             memcpy(message + step->count_at, &elements, sizeof elements);
             count = elements;
-        } else if (step->alike != 0 && has_bytes(wire, step->size, count_alike(step))) {
-            take_numbers(wire, step, message + step->at, count_alike(step));
+        } else if (step->alike != 0 && has_numbers(wire, step->size, step->together)) {
+            take_numbers(wire, step, message + step->at, step->together);
             step += step->alike;
             continue;
         }
@@ -416,11 +411,12 @@ PyObject *table_from_wire(PyObject *object, PyObject *const *arguments, Py_ssize
     Wire wire = {.self = self};
     codec_buffer view;
     PyObject *result;
-    bool is_ros1, is_complete;
+    int is_ros1;
+    bool is_complete;
     size_t head;
-    if (!has_arguments(count, 2) || PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
+    if (!has_arguments(count, 2) || (is_ros1 = PyObject_IsTrue(arguments[1])) < 0 ||
+        PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
         return NULL;
-    is_ros1 = PyObject_IsTrue(arguments[1]) != 0;
     result = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->size);
     head = is_ros1 ? 0 : 4;
     is_complete = result != NULL && (size_t)view.len >= head;
