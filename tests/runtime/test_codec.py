@@ -6,7 +6,6 @@ import array
 import copy
 import ctypes
 import gc
-import os
 import random
 import re
 import shutil
@@ -532,10 +531,7 @@ FAULTS = {
     "a bool of 2 from ROS": ("wire.c", "into[index] > 1", "into[index] > 2", "refused"),
     "seconds past ROS": ("wire.c", "parts[0] > (is_signed ? INT32_MAX : UINT32_MAX)", "false", "any_message"),
 }  # fmt: skip
-"""Planted in the extension: the file, what stands there, what then does, and who minds.
-
-Tests plant every third fault, and `make fuzz-walkers` plants all, because each fault takes 15 s of a processor.
-"""
+"""Planted in the extension: the file, what stands there, what then does, and who minds."""
 
 
 def sanitized(folder: Path, fault: tuple[str, str, str] | None, chosen: str) -> subprocess.CompletedProcess[str]:
@@ -560,7 +556,7 @@ def test_the_sanitizers_find_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [*FAULTS][:: 1 if "SHMGEN_EXAMPLES" in os.environ else 3])
+@pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_is_found(tmp_path: Path, fault: str) -> None:
     *planted, chosen = FAULTS[fault]
     done = sanitized(tmp_path, tuple(planted), chosen)
