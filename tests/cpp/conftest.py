@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ..support import cpp_peer
+from ..support import cpp_peer, kept
 from ..support.cpp_peer import Peer
 
 
@@ -21,9 +20,7 @@ def generated(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
         pytest.skip("g++ is not installed")
     base = tmp_path_factory.getbasetemp()
     folder = (base if worker_id == "master" else base.parent) / "cpp"
-    folder.mkdir(exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / "lock"):
         if not (folder / "cpp").exists():
             cpp_peer.generate(folder)
     return folder

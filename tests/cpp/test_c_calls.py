@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import shutil
 import subprocess
 import time
@@ -17,7 +16,7 @@ import pytest
 
 from shmgen.core import abi
 
-from ..support import cpp_peer
+from ..support import cpp_peer, kept
 from ..support.cpp_peer import Peer
 from ..support.plc_calls import PACKAGE
 from ..support.plc_demo import Memory
@@ -133,8 +132,7 @@ def test_a_fault_is_found(
 def faulty(folder: Path, name: str, language: str, header: str, right: str, wrong: str) -> Path:
     """The program of that language over headers of which one has the fault."""
     copy = folder / name
-    with (folder / f"{name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / f"{name}.lock"):
         for root in ("c", "cpp") if not copy.exists() else ():
             shutil.copytree(folder / root, copy / root)
             path = copy / root / PACKAGE / header

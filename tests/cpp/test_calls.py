@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from shmgen.core.model import TypeName
 from shmgen.runtime import CallFailed, CallTimeout, region_name
 
 from ..conftest import REPOSITORY
-from ..support import cpp_peer
+from ..support import cpp_peer, kept
 from ..support.build import module
 from ..support.cpp_peer import Peer
 from ..support.machine import slower
@@ -34,9 +33,7 @@ SUCCEEDED, CANCELED, REJECTED = 4, 5, -1
 @pytest.fixture(scope="session")
 def program(generated: Path) -> Path:
     folder = generated / "calls"
-    folder.mkdir(exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / "lock"):
         if not (folder / "cpp").exists():
             cpp_peer.generate(folder, DEFINITIONS, package=PACKAGE)
     return cpp_peer.compiled(folder, "calls", cpp_peer.HERE / "calls.cpp")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
@@ -14,7 +13,7 @@ import pytest
 from shmgen.core.model import TypeOptions
 from shmgen.runtime import region_name
 
-from ..support import cpp_peer
+from ..support import cpp_peer, kept
 from ..support.cpp_peer import COMPILERS, HERE
 
 ALL = """string<=9 text
@@ -50,9 +49,7 @@ def test_in_c(case: str, alone: Path, topic: str) -> None:
 def of_all(generated: Path) -> Path:
     """C++ of a message that has a field of each kind."""
     folder = generated / "ends"
-    folder.mkdir(exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / "lock"):
         if not (folder / "cpp").exists():
             cpp_peer.generate(folder, MESSAGES, package="shm_ends", types=TypeOptions(time="struct"))
     return folder

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from shmgen.core.model import Message, TypeName
 
+from ..support import kept
 from ..support.dds import LOOPBACK
 from ..support.ros1 import Bridge
 from .idl import idl, scoped
@@ -27,10 +27,8 @@ def missing(maker: str) -> str:
 
 def build(maker: str, folder: Path, messages: Sequence[Message], topics: Sequence[TypeName]) -> Path:
     """The program, which is built but once however many ask for it at the same time."""
-    folder.mkdir(parents=True, exist_ok=True)
     program = folder / f"{maker}_peer"
-    with (folder / f"{maker}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / f"{maker}.lock"):
         if not program.exists():
             made = folder / maker
             made.mkdir(exist_ok=True)

@@ -15,8 +15,8 @@ from typing import Any
 from shmgen.config import Config
 from shmgen.core.model import Regions
 from shmgen.generator import pipeline
-from tests.softplc import kept
 from tests.softplc.translate import translate
+from tests.support import kept
 
 HERE = Path(__file__).parent
 PACKAGE = "shm_ex"
@@ -104,11 +104,7 @@ def _object(folder: Path, source: Path, command: list[str], texts: Mapping[str, 
     made = folder / f"{source.stem}.o"
     options = [part.replace(str(folder), "") for part in command]
     name = f"explorer-{kept.key(_ours(), source.read_text(), *options, *(x for item in texts.items() for x in item))}"
-    if (known := kept.find(name)) is not None:
-        made.write_bytes(known)
-    else:
-        _call([*command, "-c", str(source), "-o", str(made)])
-        kept.keep(name, made.read_bytes())
+    kept.find_or_create(name, made, lambda: _call([*command, "-c", str(source), "-o", str(made)]))
     return made
 
 

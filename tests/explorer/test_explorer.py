@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from ..conftest import REPOSITORY
+from ..support import kept
 from .build import build, explore, generated, missing
 from .faults import FAULTS, TESTED, Fault
 from .scenes import FULL, LARGE, QUICK, SCENES, Scene
@@ -28,9 +28,7 @@ def program(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Callabl
 
     def compiled(sync: str) -> Path:
         here = folder / sync
-        here.mkdir(parents=True, exist_ok=True)
-        with (here / "guard").open("w") as guard:
-            fcntl.flock(guard, fcntl.LOCK_EX)
+        with kept.locked(here / "guard"):
             return here / "explore" if (here / "explore").exists() else build(here, generated(here, sync))
 
     return compiled

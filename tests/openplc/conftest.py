@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -15,7 +14,7 @@ from shmgen.config import Config
 from shmgen.core.model import Layouts
 from shmgen.generator import pipeline
 
-from ..support import build, open_plc
+from ..support import build, kept, open_plc
 from ..support.open_plc import COMPILERS, Program
 
 MESSAGES = {
@@ -55,9 +54,7 @@ def generated(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> tuple
     """The folder with the generated Python, all generated files, and the layouts."""
     base = tmp_path_factory.getbasetemp()
     folder = (base if worker_id == "master" else base.parent) / "openplc"
-    folder.mkdir(exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / "lock"):
         texts, layouts = texts_of(folder, MESSAGES, CALLS)
         if not (folder / "python").exists():
             build.put(texts, folder)
@@ -74,9 +71,7 @@ def shared(request: pytest.FixtureRequest, generated: tuple[Path, dict[str, str]
     if shutil.which(COMPILERS[compiler][0]) is None:
         pytest.skip(f"{COMPILERS[compiler][0]} is not installed")
     folder = generated[0] / compiler
-    folder.mkdir(exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / "lock"):
         if not (folder / "plc.so").exists():
             open_plc.compiled(generated[1], compiler, folder)
     return folder / "plc.so"

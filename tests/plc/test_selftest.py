@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import re
 import subprocess
 import sys
@@ -26,7 +25,7 @@ from tests.softplc import Plc, compile_st, online_change
 from tests.softplc.online_change import change_globals
 
 from ..conftest import REPOSITORY
-from ..support import open_plc
+from ..support import kept, open_plc
 
 PROGRAMS = ("PRG_Ros", "PRG_ShmSelfTest")
 OTHER = {"VERSION   : UDINT := 1": "VERSION   : UDINT := 2"}
@@ -88,8 +87,7 @@ def plc(settings: config.Config) -> Plc:
 @pytest.fixture
 def task() -> Iterator[Running]:
     """One at a time on this machine, since its topics have fixed names."""
-    with (Path(tempfile.gettempdir()) / "shmgen-selftest.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(Path(tempfile.gettempdir()) / "shmgen-selftest.lock"):
         remove_regions()  # of a run that was killed
         running = Running(lambda: None)
         yield running

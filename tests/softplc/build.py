@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from tests.softplc import kept
 from tests.softplc.plc import Plc
 from tests.softplc.reading import CompileError
 from tests.softplc.translate import Translation, translate
+from tests.support import kept
 
 _HERE = Path(__file__).parent
 _FLAGS = ("-O0", "-Wall", "-Werror", "-fPIC", f"-I{_HERE}")
@@ -42,13 +42,7 @@ def _library(made: Translation, folder: Path) -> Path:
     library = folder / "plc.so"
     library.with_suffix(".pickle").write_bytes(pickle.dumps((made.types, made.enumerations, len(made.units))))
     name = f"plc-{kept.key(_maker(), *made.units)}"
-    with kept.locked(name):
-        if (compiled := kept.find(name)) is not None:
-            library.write_bytes(compiled)
-        else:
-            _compile(made, folder, library)
-            kept.keep(name, library.read_bytes())
-    kept.tidy()
+    kept.find_or_create(name, library, lambda: _compile(made, folder, library))
     return library
 
 

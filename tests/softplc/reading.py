@@ -24,8 +24,8 @@ from typing import Any
 import blark
 from blark import transform as b
 
-from tests.softplc import kept
 from tests.softplc.iec import ELEMENTARY
+from tests.support import kept
 
 
 class Unsupported(Exception):
@@ -179,7 +179,7 @@ def _parse_all(texts: Iterable[str]) -> dict[str, Any]:
     trees = _cached(names)
     if names.keys() == trees.keys():
         return trees
-    with kept.locked("trees"):  # another worker may be parsing the same texts
+    with kept.cache_locked("trees"):  # another worker may be parsing the same texts
         trees = _cached(names)
         new = sorted(names.keys() - trees.keys(), key=len, reverse=True)
         if sum(map(len, new)) < 20_000:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import subprocess
@@ -15,6 +14,7 @@ from shmgen.config import Config
 from shmgen.core.model import Layouts
 from shmgen.generator import pipeline
 
+from . import kept
 from .build import put
 from .plc_demo import MESSAGES, PACKAGE
 
@@ -36,8 +36,7 @@ def generate(folder: Path, messages: Mapping[str, str] | None = None, **settings
 def compiled(folder: Path, name: str, *sources: Path, options: Sequence[str] = (), compiler: str = "g++") -> Path:
     """Compile a program from C11 and C++17, once in a session. Warnings are errors."""
     program = folder / name
-    with (folder / f"{name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / f"{name}.lock"):
         if program.exists():
             return program
         objects = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from shmgen.config import Config
 from shmgen.generator import pipeline
 from tests.softplc import Block, Plc, compile_st
 
+from . import kept
 from .build import put
 from .plc_demo import CONFIRM
 
@@ -186,9 +186,7 @@ class Calls:
 
 def open_or_make(folder: Path, more: str = "") -> Calls:
     """Return the result of make() in `folder`. Call make() if it has not been called, in one process at a time."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with kept.locked(folder / "lock"):
         if not (folder / "made").exists():
             make(folder, more)
             (folder / "made").touch()

@@ -7,15 +7,14 @@ import os
 import shutil
 import subprocess
 import sysconfig
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
 
-from tests.softplc import kept
-
-from . import REPOSITORY
+from . import REPOSITORY, kept
 
 
 def build_hook() -> ModuleType:
@@ -39,21 +38,17 @@ def environment(folder: Path, sources: Path | None = None) -> dict[str, str]:
     hook: Any = build_hook()
     sources = sources or hook.SOURCES
     hook.print_header(folder)
-    folders = (sysconfig.get_path("include"), hook.HEADERS, folder)
     compiler = ["gcc", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", *hook.FLAGS]
-    headers = [*Path(hook.HEADERS).glob("*.h"), *sources.rglob("*.h"), folder / "shmgen.h"]
+    include = [f"-I{path}" for path in (sysconfig.get_path("include"), hook.HEADERS, folder)]
+    headers = [*hook.HEADERS.glob("*.h"), *sources.rglob("*.h"), folder / "shmgen.h"]
     key = kept.key(*compiler, *(header.read_bytes() for header in sorted(headers, key=lambda header: header.name)))
     objects = []
-    for source in hook.RUNTIME["_core.abi3.so"]:
-        objects.append(folder / f"{Path(source).stem}.o")
-        name = f"sanitized-{kept.key(key, source, (sources / source).read_bytes())}"
-        with kept.locked(name):
-            if (compiled := kept.find(name)) is not None:
-                objects[-1].write_bytes(compiled)
-                continue
-            include = [f"-I{path}" for path in folders]
-            subprocess.run([*compiler, *include, "-c", sources / source, "-o", objects[-1]], check=True)
-            kept.keep(name, objects[-1].read_bytes())
+    for name in hook.RUNTIME["_core.abi3.so"]:
+        source, made = sources / name, folder / f"{Path(name).stem}.o"
+        command = [*compiler, *include, "-c", source, "-o", made]
+        cached = f"sanitized-{kept.key(key, name, source.read_bytes())}"
+        kept.find_or_create(cached, made, partial(subprocess.run, command, check=True))
+        objects.append(made)
     subprocess.run([*compiler, "-shared", *objects, "-o", folder / "_core.abi3.so"], check=True)
     library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
     options = {"LD_PRELOAD": library.strip(), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"}

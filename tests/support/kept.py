@@ -11,7 +11,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -54,15 +54,33 @@ def keep(name: str, data: bytes) -> None:
         return
 
 
+def find_or_create(name: str, file: Path, create: Callable[[], object]) -> None:
+    """Write the data cached under `name` to `file`. If there is none, `create` writes `file`, which is then cached."""
+    with cache_locked(name):
+        if (data := find(name)) is not None:
+            file.write_bytes(data)
+        else:
+            create()
+            keep(name, file.read_bytes())
+            tidy()
+
+
 @contextmanager
-def locked(name: str) -> Iterator[None]:
+def cache_locked(name: str) -> Iterator[None]:
     """Hold a lock of the cache, so that two processes do not create the same data at the same time."""
     with ExitStack() as stack:
         if FOLDER is not None:
             with suppress(OSError):  # somebody else's environment, or a full disk
-                FOLDER.mkdir(exist_ok=True)
-                lock = stack.enter_context((FOLDER / f"{name}.lock").open("w"))
-                fcntl.flock(lock, fcntl.LOCK_EX)
+                stack.enter_context(locked(FOLDER / f"{name}.lock"))
+        yield
+
+
+@contextmanager
+def locked(file: Path) -> Iterator[None]:
+    """Hold a lock on `file`, which is created with its folder. Other processes wait until the lock is released."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
