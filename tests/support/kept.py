@@ -41,7 +41,7 @@ def find(name: str) -> bytes | None:
 
 
 def keep(name: str, data: bytes) -> None:
-    """Cache data under `name` for all processes. Two processes that cache at the same time have the same data."""
+    """Write data to the cache under `name` for all processes. Processes that cache the same name have the same data."""
     if FOLDER is None:
         return
     try:

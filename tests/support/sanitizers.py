@@ -44,11 +44,11 @@ def environment(folder: Path, sources: Path | None = None) -> dict[str, str]:
     key = kept.key(*compiler, *(header.read_bytes() for header in sorted(headers, key=lambda header: header.name)))
     objects = []
     for name in hook.RUNTIME["_core.abi3.so"]:
-        source, made = sources / name, folder / f"{Path(name).stem}.o"
-        command = [*compiler, *include, "-c", source, "-o", made]
+        source, compiled = sources / name, folder / f"{Path(name).stem}.o"
+        command = [*compiler, *include, "-c", source, "-o", compiled]
         cached = f"sanitized-{kept.key(key, name, source.read_bytes())}"
-        kept.find_or_create(cached, made, partial(subprocess.run, command, check=True))
-        objects.append(made)
+        kept.find_or_create(cached, compiled, partial(subprocess.run, command, check=True))
+        objects.append(compiled)
     subprocess.run([*compiler, "-shared", *objects, "-o", folder / "_core.abi3.so"], check=True)
     library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
     options = {"LD_PRELOAD": library.strip(), "ASAN_OPTIONS": "detect_leaks=0", "PYTHONMALLOC": "malloc"}
