@@ -17,6 +17,8 @@ from ..support.ros2 import Graph
 from .test_bridge import session, topic
 
 COUNT = 60
+DDS = ("jazzy", "dds")
+"""The bridge has the backend dds, and its peers are ROS nodes."""
 READER = """
 import sys, threading, rclpy
 from rclpy.qos import QoSProfile
@@ -38,7 +40,7 @@ rclpy.spin(node)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("graph", "size", "rate", "stopped"),
-    [("jazzy", 4, 30, 0.0), ("jazzy", 4, 30, 2.0), ("jazzy", 4, 30, 10.0), (("jazzy", "dds"), 1, 20, 0.0)],
+    [("jazzy", 4, 30, 0.0), ("jazzy", 4, 30, 2.0), ("jazzy", 4, 30, 10.0), (DDS, 1, 20, 0.0), (DDS, 1, 20, 10.0)],
     indirect=["graph"],
 )
 def test_each_is_delivered_or_counted(graph: Graph, space: str, size: int, rate: int, stopped: float) -> None:
@@ -69,7 +71,7 @@ def test_each_is_delivered_or_counted(graph: Graph, space: str, size: int, rate:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("graph", ["jazzy", ("jazzy", "dds")], indirect=True)
+@pytest.mark.parametrize("graph", ["jazzy", DDS], indirect=True)
 def test_a_reader_that_is_killed_holds_up_none_that_comes(graph: Graph, space: str) -> None:
     bridge, kind = started(graph, space, 1)
     reader = Reader(graph, f"{space}/image")
