@@ -223,26 +223,29 @@ static bool fits_in(const Step *step, size_t size)
            (step->count_at < 0 || (size_t)step->count_at + 4 <= size);
 }
 
-/* Return true if both steps are plain numbers of one size, and `next` begins where `step` ends. */
-static bool continues(const Step *step, const Step *next)
+/* Set `unit` of a step. The steps of a nested message are complete. */
+static void set_unit(Step *step)
 {
-    return step->what == NUMBERS && next->what == NUMBERS && step->size == next->size && step->code != '?' &&
-           next->code != '?' && step->count_at < 0 && next->count_at < 0 &&
-           step->at + step->size * element_count(step) == next->at;
+    const Step *first = step + 1;
+    if (step->count_at >= 0)
+        return;
+    if (step->what == NUMBERS && step->code != '?')
+        step->unit = step->size;
+    else if (step->what == MESSAGES && step->inner != 0 && first->at == 0 && first->run * first->unit == step->size)
+        step->unit = first->unit;
 }
 
-/* Set `alike` and `together` of the steps of one message. */
-static void join_numbers(Step *step, const Step *end)
+/* Set `run` and `run_end` of the steps of one message. */
+static void join_numbers(Step *first, const Step *end)
 {
-    while (step < end) {
-        Step *last = step;
-        while (last + 1 < end && continues(last, last + 1))
-            last++;
-        for (; step < last; step++) {
-            step->alike = last - step;
-            step->together = (last->at - step->at) / step->size + element_count(last);
+    for (Step *step = first; step < end; step += 1 + step->inner) {
+        size_t stop = step->at;
+        for (const Step *next = step; next < end && step->unit != 0 && next->unit == step->unit && next->at == stop;
+             next += 1 + next->inner) {
+            stop += next->size * element_count(next);
+            step->run_end = next - step;
         }
-        step += 1 + step->inner;
+        step->run = step->unit != 0 ? (stop - step->at) / step->unit : 0;
     }
 }
 
@@ -277,6 +280,7 @@ static bool add_steps(Table *self, PyObject *kind, size_t size)
         } else if (fits) {
             self->has_deferred = self->has_deferred || is_deferred(step);
         }
+        set_unit(&self->steps[place]);
     }
     if (fits)
         join_numbers(self->steps + first, self->steps + self->count);

@@ -85,8 +85,9 @@ typedef struct Step {
     size_t length;       /* number of elements; 0 = not an array */
     Py_ssize_t count_at; /* offset of the count of a sequence; -1 = none */
     Py_ssize_t inner;    /* number of steps of a nested message */
-    Py_ssize_t alike;    /* number of next steps whose numbers have the same size and follow without padding */
-    size_t together;     /* if `alike` is not zero: number of elements of all these steps and this step */
+    size_t unit;         /* size of the numbers in bytes, if the step contains only numbers of one size, without padding */
+    size_t run;          /* number of numbers of this step and next steps of equal `unit`, if they are contiguous */
+    Py_ssize_t run_end;  /* distance to the last of these steps */
     int what;
     char code, family; /* numbers: as in Python's struct; strings: u, l, w; times: T, D in ms, N in ns, P in s and ns */
     bool truncates, is_duration;

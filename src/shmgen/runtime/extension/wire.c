@@ -194,10 +194,10 @@ static bool encode_fields(Wire *wire, const Step *step, const Step *end, const u
             if (!put_u32(wire, elements))
                 return false;
             count = elements;
-        } else if (step->alike != 0) {
-            if (!put_elements(wire, step, message + step->at, step->together))
+        } else if (step->run != 0) {
+            if (!(align(wire, step->unit, true) && put(wire, message + step->at, step->unit, step->run)))
                 return false;
-            step += step->alike;
+            step += step->run_end;
             continue;
         }
         if (!put_elements(wire, step, message + step->at, count))
@@ -393,9 +393,10 @@ static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigne
                 return refuse_count(wire->self, step, elements);
             memcpy(message + step->count_at, &elements, sizeof elements);
             count = elements;
-        } else if (step->alike != 0 && has_numbers(wire, step->size, step->together)) {
-            take_numbers(wire, step, message + step->at, step->together);
-            step += step->alike;
+        } else if (step->run != 0 && has_numbers(wire, step->unit, step->run)) {
+            align(wire, step->unit, false);
+            take(wire, message + step->at, step->unit, step->run);
+            step += step->run_end;
             continue;
         }
         if (!take_elements(wire, step, message + step->at, count))
