@@ -59,7 +59,7 @@ def of_all(generated: Path) -> Path:
 @pytest.mark.family("[g++]")
 def test_in_cpp(compiler: str, of_all: Path, topic: str) -> None:
     """With sanitizers: a copy whose ends overlap is one thing that they see and a test without them may not."""
-    options = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    options = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0"]
     program = cpp_peer.compiled(of_all, f"api-{compiler}", HERE / "api.cpp", options=options, compiler=compiler)
     done = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=False)
     assert (done.stdout, done.stderr, done.returncode) == ("", "", 0)

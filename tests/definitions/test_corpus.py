@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from pathlib import Path
 
 import pytest
-from rosbags.typesys import get_types_from_msg
 
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.core.model import Array, Ref, Schema, Sequence, String, TypeName
-from shmgen.definitions import Sources, load, store
-from shmgen.definitions.parser import Source, parse
+from shmgen.definitions import Sources, load
 from tests.conftest import SHARED
 from tests.definitions.test_idl import HAS_ROSIDL
 
 CORPUS = SHARED / "corpus"
 
 pytestmark = pytest.mark.skipif(not CORPUS.is_dir(), reason="no corpus of real definitions at ../shared/corpus")
-
 
 BESIDE_CORE = {"control_msgs", "px4_msgs", "ur_msgs", "industrial_msgs"}
 FOR_TESTS = {"test_msgs", "test_interface_files", "rosbag2_test_msgdefs", "rosbag2_performance_benchmarking_msgs"}
@@ -101,17 +97,3 @@ def test_how_many_have_a_fixed_size(distribution, leave_out, kinds, counts):
     assert tuple(Counter(file[1] for file in found)[kind] for kind in ("msg", "srv", "action")) == kinds
     ranks = ("fixed", "string", "bounded sequence", "unbounded sequence")
     assert tuple(Counter(found.values())[rank] for rank in ranks) == counts
-
-
-def test_reading_takes_no_longer_than_twice_that_of_rosbags():
-    """Of processor time, the same files; mostly it is a fifth. benchmarks/read.py prints it."""
-    files = sorted(CORPUS.glob("*/*/msg/*.msg"))
-    texts = [(TypeName(file.parts[-3], "msg", file.stem), file.read_text(), file.parts[-4]) for file in files]
-    start = time.process_time()
-    for name, text, distribution in texts:
-        parse(Source(name, text, "", ""), store.dialect(distribution), Report())
-    middle = time.process_time()
-    for name, text, _ in texts:
-        get_types_from_msg(text, str(name))
-    assert len(texts) == 624
-    assert middle - start < 2 * (time.process_time() - middle)
