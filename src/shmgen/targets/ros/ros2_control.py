@@ -76,13 +76,27 @@ class Component(NamedTuple):
     interfaces: tuple[Interface, ...]
 
 
+class ForwardController(NamedTuple):
+    """A controller that writes the command interface `command` of `joints`."""
+
+    command: str
+    joints: list[str]
+
+
+class Gpio(NamedTuple):
+    """A gpio that the gpio_controller writes, and the names of its command interfaces."""
+
+    name: str
+    commands: list[str]
+
+
 class System(NamedTuple):
     package: package.Package
     includes: tuple[str, ...]
     regions: tuple[Region, ...]
     components: tuple[Component, ...]
-    joints: tuple[str, ...]
-    commanded: str
+    forward_controllers: tuple[ForwardController, ...]
+    gpios: tuple[Gpio, ...]
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
@@ -92,12 +106,8 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         return
     regions = tuple(_region(topic, job) for topic in job.topics)
     components = tuple(_components(regions))
-    joints = tuple(it.name for it in components if it.tag == "joint" and any(i.way == "command" for i in it.interfaces))
-    commanded = next(
-        (i.name for it in components if it.name in joints for i in it.interfaces if i.way == "command"), ""
-    )
     includes = tuple(dict.fromkeys(header(topic.type, job.package) for topic in job.topics))
-    view = System(about, includes, regions, components, joints, commanded)
+    view = System(about, includes, regions, components, *_controllers(components))
     root = f"ros2_control/{about.name}"
     for file, template in _FILES:
         yield Output(f"{root}/{file}", f"ros2_control/{template}", view)
@@ -151,6 +161,19 @@ def _components(regions: tuple[Region, ...]) -> Iterator[Component]:
                 by_component.setdefault(key, []).append(Interface(way, name, region.name, f"{name}[{index}]"))
     for (tag, name), interfaces in sorted(by_component.items(), key=lambda item: item[0][0] == "gpio"):
         yield Component(tag, name, tuple(sorted(interfaces)))
+
+
+def _controllers(components: tuple[Component, ...]) -> tuple[tuple[ForwardController, ...], tuple[Gpio, ...]]:
+    """Return controllers for all command interfaces: the plugin sends a topic only if each of them has a value."""
+    joints: dict[str, list[str]] = {}
+    gpios: dict[str, list[str]] = {}
+    for component in components:
+        for command in (it.name for it in component.interfaces if it.way == "command"):
+            if component.tag == "joint":
+                joints.setdefault(command, []).append(component.name)
+            else:
+                gpios.setdefault(component.name, []).append(command)
+    return tuple(ForwardController(*it) for it in joints.items()), tuple(Gpio(*it) for it in gpios.items())
 
 
 _OF_JOINTS = ("position[]", "velocity[]", "acceleration[]", "effort[]")

@@ -13,12 +13,16 @@ from launch_ros.parameter_descriptions import ParameterValue
 def generate_launch_description():
     share = Path(get_package_share_directory("arm_cell"))
     description = ParameterValue(Command(["xacro ", LaunchConfiguration("urdf")]), value_type=str)
+    controllers = [
+        "joint_state_broadcaster",
+        "forward_position_controller",
+        "gpio_controller",
+    ]
     return LaunchDescription(
         [
             DeclareLaunchArgument("urdf", description="the robot, which includes urdf/plc.ros2_control.xacro of this package"),
             Node(package="robot_state_publisher", executable="robot_state_publisher", parameters=[{"robot_description": description}]),
             Node(package="controller_manager", executable="ros2_control_node", parameters=[str(share / "config" / "controllers.yaml")]),
-            Node(package="controller_manager", executable="spawner", arguments=["joint_state_broadcaster"]),
-            Node(package="controller_manager", executable="spawner", arguments=["forward_controller"]),
+            Node(package="controller_manager", executable="spawner", arguments=controllers),
         ]
     )
