@@ -290,7 +290,7 @@ SAID = {
     ],
     "docs/codesys.md": [
         "at most {MAX_NAME} characters after the first slash, {MAX_CALL_NAME} for a service or an action",
-        "`udiDepth` is 1 to {MAX_DEPTH}",
+        "Set `udiDepth` to a value from 1 to {MAX_DEPTH}",
     ],
     "docs/protocol.md": [
         "unchanged for {DEAD_MS} ms", "The number after 16#{LAST:08X} is", "is unchanged, {WAKE_MS} ms at a time",
