@@ -63,7 +63,7 @@ NUMBERS = (
     Number("SLOT_STEP", SLOT_STEP, "UDINT", "bytes; slot sizes are multiples of this number"),
     Number("LANES", LANES, "UDINT", "arrays of slots in a region; each writer uses only one lane"),
     Number("PAGE", PAGE, "UDINT", "bytes; region sizes are multiples of this number"),
-    Number("PLC", PLC, "UDINT", "process id of every PLC, which cannot determine its own"),
+    Number("PLC", PLC, "UDINT", "substitute for a PLC's process id, which a PLC cannot determine"),
     Number("LAST", LAST, "UDINT", "largest sample number"),
     Number(
         "RESTART_GAP",
@@ -75,21 +75,26 @@ NUMBERS = (
         "FORGET",
         FORGET,
         "UDINT",
-        "samples after which a writer clears the other lane's `completed`: its old number would later look new",
+        "after this many samples, a writer clears the other lane's number, which would later look new",
     ),
     Number("LEFT_OUT", LEFT_OUT, "UDINT", "maximum number of sample numbers that a takeover skips"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "largest depth, in samples"),
     Number("MAX_TYPE_NAME", MAX_TYPE_NAME, "UDINT", "bytes of the longest type name, without the terminating 0"),
-    Number("MAX_NAME", MAX_NAME, "UDINT", "maximum length of a region's name: STRING(80) minus '-event'"),
-    Number("MAX_CALL_NAME", MAX_CALL_NAME, "", "length limit of service and action names: MAX_NAME minus '-response'"),
-    Number("WRITER_LOCK", WRITER_LOCK, "", "byte that the writer's record lock covers"),
+    Number("MAX_NAME", MAX_NAME, "UDINT", "longest region name, in bytes (STRING(80) minus '-event')"),
+    Number(
+        "MAX_CALL_NAME",
+        MAX_CALL_NAME,
+        "",
+        "longest service or action name, in bytes (MAX_NAME minus '-response')",
+    ),
+    Number("WRITER_LOCK", WRITER_LOCK, "", "byte of the writer's record lock"),
     Number(
         "REPAIR_LOCK",
         REPAIR_LOCK,
         "",
-        "byte that a record lock covers during creation, lock recovery and removal",
+        "byte of the record lock for creation, lock recovery and removal",
     ),
-    Number("READER_LOCK", READER_LOCK, "", "byte that the shared record lock of readers covers"),
+    Number("READER_LOCK", READER_LOCK, "", "byte of the shared record lock of readers"),
     Number("RETRY_MS", RETRY_MS, "UDINT", "interval at which a PLC retries to open a region"),
     Number("CLAIM_MS", CLAIM_MS, "UDINT", "a writer whose heartbeat is unchanged for this long counts as dead"),
     Number(
@@ -107,7 +112,7 @@ NUMBERS = (
     Number(
         "PEER_MS", PEER_MS, "", "a creator that has not set its file's size and group after this time counts as dead"
     ),
-    Number("REMOVED_MS", REMOVED_MS, "", "interval at which ends check for a removed region"),
+    Number("REMOVED_MS", REMOVED_MS, "", "interval at which processes check whether their region was removed"),
 )
 """The constants of the protocol. Constants whose names end with _MS are in milliseconds."""
 
@@ -206,7 +211,7 @@ HEADER = (
         "writer",
         "changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane",
     ),
-    HeaderField(140, "u32", "left", "udiLeft", "writer", "a number before the writer's first sample; 0 = not set"),
+    HeaderField(140, "u32", "left", "udiLeft", "writer", "all samples of the writer have later numbers; 0 = not set"),
     HeaderField(
         144,
         "u32",

@@ -56,18 +56,18 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_SLOT_STEP 64                     /* bytes; slot sizes are multiples of this number */
 #define SHMGEN_LANES 2                          /* arrays of slots in a region; each writer uses only one lane */
 #define SHMGEN_PAGE 4096                        /* bytes; region sizes are multiples of this number */
-#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* process id of every PLC, which cannot determine its own */
+#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* substitute for a PLC's process id, which a PLC cannot determine */
 #define SHMGEN_LAST UINT32_C(0xFFFFFFFF)        /* largest sample number */
 #define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* numbers have restarted if a sample's number is this far ahead or farther */
-#define SHMGEN_FORGET UINT32_C(0x10000000)      /* samples after which a writer clears the other lane's `completed`: its old number would later look new */
+#define SHMGEN_FORGET UINT32_C(0x10000000)      /* after this many samples, a writer clears the other lane's number, which would later look new */
 #define SHMGEN_LEFT_OUT 2                       /* maximum number of sample numbers that a takeover skips */
 #define SHMGEN_MAX_DEPTH 65535                  /* largest depth, in samples */
 #define SHMGEN_MAX_TYPE_NAME 95                 /* bytes of the longest type name, without the terminating 0 */
-#define SHMGEN_MAX_NAME 74                      /* maximum length of a region's name: STRING(80) minus '-event' */
-#define SHMGEN_MAX_CALL_NAME 65                 /* length limit of service and action names: MAX_NAME minus '-response' */
-#define SHMGEN_WRITER_LOCK 0                    /* byte that the writer's record lock covers */
-#define SHMGEN_REPAIR_LOCK 1                    /* byte that a record lock covers during creation, lock recovery and removal */
-#define SHMGEN_READER_LOCK 2                    /* byte that the shared record lock of readers covers */
+#define SHMGEN_MAX_NAME 74                      /* longest region name, in bytes (STRING(80) minus '-event') */
+#define SHMGEN_MAX_CALL_NAME 65                 /* longest service or action name, in bytes (MAX_NAME minus '-response') */
+#define SHMGEN_WRITER_LOCK 0                    /* byte of the writer's record lock */
+#define SHMGEN_REPAIR_LOCK 1                    /* byte of the record lock for creation, lock recovery and removal */
+#define SHMGEN_READER_LOCK 2                    /* byte of the shared record lock of readers */
 #define SHMGEN_RETRY_MS 500                     /* interval at which a PLC retries to open a region */
 #define SHMGEN_CLAIM_MS 1000                    /* a writer whose heartbeat is unchanged for this long counts as dead */
 #define SHMGEN_CONFIRM_MS 100                   /* a new writer owns the topic if its id in `writer` is unchanged after this time */
@@ -78,7 +78,7 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_POLL_MS 1                        /* interval of a polling reader */
 #define SHMGEN_HEARTBEAT_MS 50                  /* longest interval between two heartbeats of a waiting server */
 #define SHMGEN_PEER_MS 100                      /* a creator that has not set its file's size and group after this time counts as dead */
-#define SHMGEN_REMOVED_MS 100                   /* interval at which ends check for a removed region */
+#define SHMGEN_REMOVED_MS 100                   /* interval at which processes check whether their region was removed */
 
 /* A time or duration, if shmgen.toml contains time = "struct". */
 typedef struct SHMGEN_PACKED shmgen_seconds {
@@ -104,7 +104,7 @@ typedef struct SHMGEN_PACKED shmgen_region {
     uint32_t completed0;     /* 128: number of the newest sample in lane 0, 0 = none yet */
     uint32_t completed1;     /* 132: number of the newest sample in lane 1, 0 = none yet */
     uint32_t turn;           /* 136: changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane */
-    uint32_t left;           /* 140: a number before the writer's first sample; 0 = not set */
+    uint32_t left;           /* 140: all samples of the writer have later numbers; 0 = not set */
     uint32_t retired;        /* 144: 1 = region removed or replaced: each end closes it */
     uint32_t ordered;        /* 148: 1 = this machine (x86) keeps the order of stores and loads */
     uint32_t heartbeat;      /* 152: counter that a running writer increments, also without samples */
