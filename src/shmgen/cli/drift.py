@@ -60,9 +60,9 @@ def check(
 ) -> None:
     """Check that definitions, generated files and layout.lock agree.
 
-    The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. A change is
-    breaking (a field moved or changed its meaning: rebuild the PLC program and all other programs), compatible
-    (comments, new constants) or cosmetic (only the text of files).
+    The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. There
+    are three kinds of changes. Breaking: a field moved or changed its meaning; rebuild the PLC program and all other
+    programs. Compatible: comments or new constants. Cosmetic: only the text of generated files.
     """
     from shmgen.cli import requested
     from shmgen.core.write import current

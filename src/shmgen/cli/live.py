@@ -121,10 +121,10 @@ def echo(
 ) -> None:
     """Print the samples of a topic as YAML, JSON or CSV.
 
-    The command needs no generated code, because the shared memory contains the name of the type. Definitions of your
-    own messages are read from the folders of -I or shmgen.toml, and their bounds from shmgen.toml or
-    generated/layout.lock. If the topic does not exist yet, the command waits. If a sequence in a sample has more
-    elements than its bound, the command reports an error and exits with 1.
+    The command needs no generated code, because the shared memory contains the name of the type. The command
+    searches definitions of your own messages in the folders of -I and of the key `path` in shmgen.toml. Bounds come
+    from shmgen.toml or generated/layout.lock. If the topic does not exist yet, the command waits. If a sequence in a
+    sample has more elements than its bound, the command reports an error and exits with 1.
     """
     from shmgen.runtime import CountExceeded, RegionUnusable
     from shmgen.tools.messages import echo as tool
@@ -169,9 +169,10 @@ def pub(
 ) -> None:
     """Publish VALUES, in YAML or JSON, on a topic.
 
-    Omitted fields get their default values. A time may be `now`.
+    Omitted fields get their default values. A field for a time may have the value `now`.
 
     \b
+    Publish ten samples a second:
     shmgen pub /robot/pose geometry_msgs/Pose '{position: {x: 1.0}}' -r 10
     """  # noqa: D301 click's own sign
     from shmgen.tools.messages import parse
@@ -201,6 +202,7 @@ def call(service: str, type_name: str, values: str, timeout: float, as_json: boo
     """Call a service, and print the response.
 
     \b
+    Call a service with the request `data: true`:
     shmgen call /cell/start std_srvs/SetBool '{data: true}'
 
     VALUES is the request, in YAML or JSON. If the server has not started yet, the command waits. A service has one

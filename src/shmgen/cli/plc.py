@@ -91,8 +91,9 @@ def _outcome(row: Row, package: str) -> str:
 def selftest(folder: Path, openplc: bool, write: bool, wait: float) -> None:
     """Test how a PLC handles shared memory, and print a report.
 
-    The command writes the PLC program PRG_ShmSelfTest into FOLDER, and then exchanges samples with the running PLC.
-    docs/guarantees.md explains the results. The exit code is 1 if a result differs from the expected result.
+    The command writes the PLC program PRG_ShmSelfTest into FOLDER. Load this program into the PLC and start the PLC:
+    the command then exchanges samples with the program. The page docs/guarantees.md explains the results. The exit
+    code is 1 if a result differs from the expected result.
     """
     from shmgen import config
     from shmgen.generator.render import template_folder

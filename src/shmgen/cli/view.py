@@ -44,11 +44,12 @@ def view(
     """Show topics in shared memory in the browser or in the terminal.
 
     \b
-    shmgen view --terminal /arm/pose position.x position.y   plot fields
+    Plot two fields of a topic in the terminal:
+    shmgen view --terminal /arm/pose position.x position.y
 
-    The page shows all topics, and the fields, plots and bytes of one topic. The command serves the page on 127.0.0.1
-    and prints the address, which contains the token required for access. The command requires the extra `view` (`pip
-    install '.[view]'` in a checkout), but no internet.
+    The page in the browser shows all topics, and the fields, plots and bytes of one topic. The command serves the page
+    on 127.0.0.1 and prints the address, which contains the token required for access. The command requires the extra
+    `view` (`pip install '.[view]'` in a checkout), but no internet.
     """  # noqa: D301 click's own sign
     try:
         import textual  # noqa: F401
