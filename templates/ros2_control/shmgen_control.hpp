@@ -14,7 +14,9 @@
 #include <rclcpp/rclcpp.hpp>
 
 #include <chrono>
+#include <limits>
 #include <memory>
+#include <thread>
 
 namespace shmgen::control {
 
@@ -43,7 +45,7 @@ struct CommandRegion : Region {
     using Region::Region;
     virtual Status write() = 0;
     virtual Status heartbeat() = 0;
-    bool is_complete = false; // every command in the message has had a value
+    bool is_complete = false; // every command in the message has a safe value, or has had a value since the activation
     bool is_used = false;
 };
 
@@ -124,8 +126,17 @@ public:
                         command.handle = handle.get();
         return CallbackReturn::SUCCESS;
     }
+    // Discard the commands from before an error or a deactivation. Otherwise the PLC would receive old commands before a
+    // controller is active.
     CallbackReturn on_activate(const rclcpp_lifecycle::State &) override
     {
+        for (auto &region : commands_for_plc_)
+            region->is_complete = false;
+        for (auto &command : commands_) {
+            command.was_set = false;
+            while (!command.handle->set_value(std::numeric_limits<double>::quiet_NaN()))
+                std::this_thread::yield(); // another thread holds the lock of the interface
+        }
         active_ = true;
         return CallbackReturn::SUCCESS;
     }
@@ -299,8 +310,6 @@ private:
         }
         for (auto &region : commands_for_plc_)
             region->close();
-        for (auto &command : commands_)
-            command.was_set = false;
         return CallbackReturn::SUCCESS;
     }
 

@@ -49,8 +49,11 @@ project(loop CXX)
 set(CMAKE_CXX_STANDARD 17)
 find_package(hardware_interface REQUIRED)
 add_executable(loop {REPOSITORY}/examples/ros2_control/loop.cpp)
-target_link_libraries(loop hardware_interface::hardware_interface)
-install(TARGETS loop DESTINATION bin)
+add_executable(reactivate {Path(__file__).with_name("reactivate.cpp")})
+foreach(program loop reactivate)
+  target_link_libraries(${{program}} hardware_interface::hardware_interface)
+  install(TARGETS ${{program}} DESTINATION bin)
+endforeach()
 """
 PLC = """
 import sys
@@ -92,7 +95,7 @@ class Cell:
         source = rclcpp.generated(folder, CONFIG.format(space=self.space), "ros2_control")
         self.install = rclcpp.built(source / "ros2_control" / "cell_control", folder / "package", self.ros)
         put({"loop/CMakeLists.txt": LOOP}, folder)
-        self.loop = rclcpp.built(folder / "loop", folder / "of_loop", self.ros) / "bin" / "loop"
+        self.programs = rclcpp.built(folder / "loop", folder / "of_loop", self.ros) / "bin"
         snippet = self.install / "share" / "cell_control" / "urdf" / "plc.ros2_control.xacro"
         (self.control,) = etree.fromstring(snippet.read_bytes()).iter("ros2_control")
         self.processes: list[subprocess.Popen[str]] = []
@@ -122,7 +125,8 @@ class Cell:
         process = subprocess.Popen(
             [str(word) for word in command],
             env={**os.environ, **settings},
-            stdout=-1,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
         )
@@ -152,7 +156,7 @@ class Cell:
         return subscriber(kinds["cell_msgs/msg/Command"], f"{self.space}/command", 1)
 
     def controller(self, cycles: int, *changes: tuple[str, str], enable: float = 1) -> subprocess.Popen[str]:
-        return self.start([self.loop, self.urdf(*changes), cycles, enable])
+        return self.start([self.programs / "loop", self.urdf(*changes), cycles, enable])
 
 
 def until(process: subprocess.Popen[str], word: str) -> list[str]:
@@ -180,8 +184,9 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
 
 @pytest.fixture(autouse=True)
 def ended(cell: Cell) -> Iterator[None]:
+    """Remove the regions after each test, so that the next test reads no samples of this test."""
     yield
-    cell.kill()
+    cell.end()
 
 
 SAFE = r'(<command_interface name="enable">)(.*?)(<param name="field">)', r'\1\2<param name="safe">0</param>\3'
@@ -229,6 +234,46 @@ def test_a_command_that_its_field_does_not_hold_is_an_error(cell: Cell) -> None:
     cell.plc()
     found = outcome(cell.controller(1000, enable=256))
     assert (found["failed"], found["ok"]) == ("write", 0)
+
+
+@pytest.mark.parametrize("reason", ["error", "deactivation"])
+def test_an_activation_sends_no_commands_from_before(cell: Cell, reason: str) -> None:
+    """The PLC receives heartbeats only until each command without a safe value is set again."""
+    plc = cell.plc()
+    hardware = cell.start([cell.programs / "reactivate", cell.urdf(SAFE)])
+    until(hardware, "running")
+    with cell.commands() as reader:
+        request(hardware, "set 9 1")
+        assert enable(reader) == 1
+        if reason == "error":
+            plc.kill()
+            until(hardware, "failed")
+            cell.plc()
+        else:
+            request(hardware, "deactivate")
+        assert enable(reader) == 0, "the safe command"
+        request(hardware, "activate")
+        assert reader.wait(0.5) is None
+        assert not reader.is_stale(0.1)
+        request(hardware, "set 8 2")  # all but `enable`, which has a safe value
+        assert enable(reader) == 0
+        request(hardware, "set 9 1")
+        assert enable(reader) == 1
+
+
+def request(hardware: subprocess.Popen[str], line: str) -> None:
+    assert hardware.stdin
+    hardware.stdin.write(f"{line}\n")
+    hardware.stdin.flush()
+    until(hardware, "done")
+
+
+def enable(reader: Any) -> int:
+    """Return the newest value of `enable` after the samples on their way have arrived."""
+    first = reader.wait(5)
+    assert first is not None
+    time.sleep(0.1)
+    return int((reader.read() or first).enable)
 
 
 MISTAKES = {
