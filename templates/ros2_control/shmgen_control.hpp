@@ -93,8 +93,11 @@ class System : public hardware_interface::SystemInterface {
 public:
     CallbackReturn on_init(const hardware_interface::HardwareInfo &info) override
     {
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wdeprecated-declarations" // the replacement is missing in hardware_interface 4.20
         if (SystemInterface::on_init(info) != CallbackReturn::SUCCESS)
             return CallbackReturn::ERROR;
+#pragma GCC diagnostic pop
         try {
             const auto parameter = info.hardware_parameters.find("stale");
             stale_ = std::chrono::duration<double>(parameter == info.hardware_parameters.end() ? 0.1 : number(parameter->second, "stale"));
@@ -261,12 +264,21 @@ private:
             throw std::invalid_argument(name + ": " + error.what());
         }
     }
+    // Read a command without waiting. The first function is for versions of hardware_interface with get_optional; some
+    // of these versions have no get_value.
+    template <class H> static auto get(const H &handle, double &value, int) -> decltype(handle.template get_optional<double>().has_value())
+    {
+        const auto result = handle.template get_optional<double>();
+        value = result.value_or(value);
+        return result.has_value();
+    }
+    template <class H> static bool get(const H &handle, double &value, long) { return handle.get_value(value); }
     // Copy the command into its message. Return false if the field cannot hold the value. If a command has neither a
     // value nor a safe value yet, its region is not written.
     static bool take(Command &command)
     {
-        double value;
-        if (!command.handle->get_value(value))
+        double value = 0;
+        if (!get(*command.handle, value, 0))
             return true; // a controller is writing the value now: read the value in the next cycle
         if (std::isnan(value)) {
             command.region->is_complete = command.region->is_complete && (command.was_set || !std::isnan(command.safe));
