@@ -37,6 +37,11 @@ ROS2_BUILD := colcon-common-extensions \
               ros-jazzy-ament-cmake ros-jazzy-ament-cmake-include-directories ros-jazzy-ament-package \
               $(addprefix ros-jazzy-,rosidl-core-generators rosidl-default-generators python-cmake-module domain-coordinator \
               ament-cmake-gmock ament-cmake-gtest ament-cmake-pytest ament-cmake-ros)
+# If SHMGEN_RCLCPP_SOURCES names a folder with the sources of rclcpp and hardware_interface (Jazzy), `make test-all` builds
+# them once into .venv/rclcpp, in about 10 minutes. They require these packages of Debian.
+RCLCPP := $(if $(SHMGEN_RCLCPP_SOURCES),$(VENV)/rclcpp/ready)
+RCLCPP_PACKAGES := libcap-dev libconsole-bridge-dev libssl-dev libtinyxml2-dev liburdfdom-dev
+RCLCPP_HEADERS  := sys/capability.h console_bridge openssl tinyxml2.h urdf_parser
 # Other machines' Debian, and what runs it; MACHINES: which, of tests/rigs/machines.py.
 ROOTS := mmdebstrap qemu-user-static
 MACHINES ?= named i386 i686 arm64 armhf armhf-t64 riscv64
@@ -67,11 +72,11 @@ test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up a
 	$(MAKE) --no-print-directory lint
 	$(call pytest,-m 'not slow' $(TESTS))
 
-test-all: $(VENV)/ready-for-all  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
+test-all: $(VENV)/ready-for-all $(RCLCPP)  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
 	$(MAKE) --no-print-directory lint
 	$(call pytest,$(TESTS))
 
-test-rest: $(VENV)/ready-for-all  ## brings the same, then runs the tests that have not passed in the run before: after `make test`, all others once
+test-rest: $(VENV)/ready-for-all $(RCLCPP)  ## brings the same, then runs the tests that have not passed in the run before: after `make test`, all others once
 	$(call pytest,--rest $(TESTS))
 
 test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without the extension in C
@@ -121,7 +126,7 @@ load: $(VENV)/ready-to-test  ## 64 topics at 1 kHz for a minute
 load-bridge: $(VENV)/ready-for-all  ## 10 topics at 100 Hz and one at 1 kHz through ROS 1, ROS 2, DDS and zenoh, for 30 s each
 	$(BIN)/python -m tests.rigs.load_bridge --backend ros2 --backend dds --backend zenoh --backend ros1 $(ARGS)
 
-load-control: $(VENV)/ready-for-all  ## a PLC as hardware of ros2_control for a minute, and 20 kills of either side; where hardware_interface is
+load-control: $(VENV)/ready-for-all $(RCLCPP)  ## a PLC as hardware of ros2_control for a minute, and 20 kills of either side; where hardware_interface is
 	$(BIN)/python -m tests.rigs.load_control $(ARGS)
 
 soak-bridge: $(VENV)/ready-for-all  ## 80 minutes of bridges among vanishing regions, dying peers and a full /dev/shm; as root
@@ -230,6 +235,11 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test $(wildcard packaging/shmgen-fastdds
 	@test ! -d $(VENV)/ros2-jazzy || $(call pip,$(VENV)/ros2-jazzy/bin) $(ROS2_BUILD) \
 	    || echo 'no colcon here; tests that build packages with it are skipped' >&2
 	@touch $@
+
+$(VENV)/rclcpp/ready: | $(VENV)/ready-for-all
+	@$(call optional,cd /usr/include && ls -d $(RCLCPP_HEADERS),$(RCLCPP_PACKAGES))
+	@$(BIN)/python -m tests.rigs.rclcpp $(SHMGEN_RCLCPP_SOURCES) && touch $@ \
+	    || echo 'rclcpp is not complete; tests that need the rest are skipped' >&2
 
 # $(call pip,BIN) what to install
 pip = $(1)/python -m pip install --quiet --disable-pip-version-check

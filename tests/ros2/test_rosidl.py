@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ from shmgen.drift import lockfile
 from ..conftest import REPOSITORY
 from ..support import ros2
 from ..support.build import put
+from ..support.wheels import cmake_prefix
 
 PLUGIN = "rosidl_generator_shmgen"
 MANIFEST = """<package format="3">
@@ -86,23 +85,14 @@ def package(name: str, files: dict[str, str], depends: str) -> dict[str, str]:
     return {f"src/{name}/{path}": text for path, text in written.items()}
 
 
-def mended(wheels: Path, prefix: Path) -> Path:
-    """The wheels' prefix without the paths of the machine that built them, and with what takes least to compile."""
+def buildable(wheels: Path, prefix: Path) -> Path:
+    """Return a prefix of the wheels that CMake can use. Skip the test if a tool is missing."""
     if not all(
         (wheels / place).exists()
         for place in ("bin/colcon", "share/rosidl_default_generators", "share/ament_cmake_ros")
     ):
         pytest.skip("no colcon or no rosidl_default_generators in .venv/ros2-jazzy: `make test-all` installs them")
-    prefix.mkdir()
-    for name in ("bin", "include", "lib", "pyvenv.cfg"):
-        (prefix / name).symlink_to(wheels / name)
-    shutil.copytree(wheels / "share", prefix / "share", symlinks=True)
-    for file in prefix.glob("share/*/cmake/*.cmake"):
-        text = file.read_text()
-        if (mended := re.sub(r'/(opt/python|usr/lib64)/[^;" )]*;?', "", text)) != text:
-            file.write_text(mended)
-    (prefix / "share/ament_index/resource_index/rosidl_generator_packages/rosidl_generator_py").unlink()
-    return prefix
+    return cmake_prefix(wheels, prefix)
 
 
 def lock(share: Path) -> lockfile.Lock:
@@ -115,7 +105,7 @@ def lock(share: Path) -> lockfile.Lock:
 def test_colcon_build_writes_it_for_every_interface_package(
     graph: ros2.Graph, tmp_path: Path, corpus: Path, topic: str
 ) -> None:
-    prefix = mended(graph.prefix, tmp_path / "prefix")
+    prefix = buildable(graph.prefix, tmp_path / "prefix")
     statistics = {f"msg/{file.name}": file.read_text() for file in (corpus / "jazzy/statistics_msgs/msg").iterdir()}
     workspace = tmp_path / "workspace"
     put(

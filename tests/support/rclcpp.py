@@ -1,7 +1,7 @@
-"""Find a ROS 2 with rclcpp: a sourced one, or the prefixes in SHMGEN_RCLCPP, separated like those in PATH.
+"""Find a ROS 2 with rclcpp: the prefixes in SHMGEN_RCLCPP, a sourced ROS, or .venv/rclcpp, the first of these.
 
-No package index has rclcpp. Its sources build against PyPI's wheels: rclcpp 28.1.6 and its dependencies, in 15 minutes.
-`make test-all` uses what SHMGEN_RCLCPP names or a shell has sourced; otherwise the tests that need rclcpp are skipped.
+No package index has rclcpp. If SHMGEN_RCLCPP_SOURCES names a folder with the sources, `make test-all` builds
+.venv/rclcpp. If no ROS has rclcpp, the tests that need rclcpp are skipped.
 """
 
 from __future__ import annotations
@@ -15,23 +15,33 @@ from pathlib import Path
 
 import pytest
 
+from . import REPOSITORY
 from .build import put
 from .command import run
 from .ros1 import Bridge
 from .ros2 import Graph
 
+BUILT = REPOSITORY / ".venv" / "rclcpp"
+"""The prefix into which tests/rigs/rclcpp.py builds packages."""
+WHEELS = BUILT / "wheels"
+"""The prefix with the wheels of ROS 2 that these packages require."""
 JOINED = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH")
 
 
 def environment(package: str = "rclcpp") -> dict[str, str]:
     """Return the environment variables for programs with rclcpp. Skip the test if the package is missing."""
     named = os.environ.get("SHMGEN_RCLCPP") or os.environ.get("AMENT_PREFIX_PATH", "")
-    prefixes = [Path(prefix) for prefix in named.split(":") if prefix]
+    prefixes = [Path(prefix) for prefix in named.split(":") if prefix] or [BUILT, WHEELS]
     if not any((prefix / "share" / package).is_dir() for prefix in prefixes):
-        pytest.skip(f"no {package}: source a ROS 2 that has it, or set SHMGEN_RCLCPP to its prefixes, one:two")
+        pytest.skip(f"no {package}: source a ROS 2 that has it, or see SHMGEN_RCLCPP in CONTRIBUTING.md")
     for tool in ("cmake", "g++"):
         if shutil.which(tool) is None:
             pytest.skip(f"no {tool}: apt-get install {tool}")
+    return search_paths(prefixes)
+
+
+def search_paths(prefixes: list[Path]) -> dict[str, str]:
+    """Return the environment variables with which programs and CMake find the packages in `prefixes`."""
     return {name: ":".join([*map(str, _folders(name, prefixes)), *_known(name)]) for name in JOINED}
 
 
