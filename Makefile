@@ -60,7 +60,7 @@ TESTS :=
 # The extra `bench`, one by one: who cannot be had here is left out.
 PEERS := iceoryx2 cyclonedds eclipse-zenoh pyzmq asyncua pymodbus
 
-.PHONY: demo test test-all test-rest test-pure machines lint generated coverage pictures chaos model explore load load-bridge load-control soak-bridge bare fuzz fuzz-walkers fuzz-many hostile prove mutants bench site dist clean
+.PHONY: demo test test-all test-rest test-pure machines lint generated coverage pictures chaos model explore load load-bridge load-control soak-bridge bare fuzz fuzz-walkers hostile prove mutants bench site dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/ready
@@ -144,9 +144,6 @@ fuzz: $(VENV)/ready-to-test  ## five minutes of definitions, PLC files and bags 
 
 fuzz-walkers: $(VENV)/ready-to-test  ## 200,000 random messages through the walkers in C and in Python, under sanitizers
 	SHMGEN_EXAMPLES=310 SHMGEN_MESSAGES=100 $(BIN)/python -m pytest -q --timeout 0 tests/runtime/test_codec.py -k sanitizers_find_nothing -m slow
-
-fuzz-many: $(VENV)/ready-to-test  ## a million definitions, not guided; then of files for import and of bags, each
-	for kind in definitions st xml mcap; do $(BIN)/python -m tests.rigs.fuzz_many 1000000 --of $$kind || exit 1; done
 
 mutants: $(VENV)/ready-for-all  ## the core made wrong in some two thousand ways, one at a time, then the headers for C: which does no test mind?
 	$(BIN)/python -m tests.rigs.mutants

@@ -39,8 +39,8 @@ COPIED = {
 
 HELD_ELSEWHERE = re.compile(r'^"(.+)/[^/]+" = "(copied from templates|as in cases/pose)"\n', re.MULTILINE)
 
-WITH_NAMES_OF_COPIES = ("everything", "ros_cpp")
-"""Cases that name each file whose text is held elsewhere. They have all targets that copy files."""
+WITH_NAMES_OF_COPIES = ("everything",)
+"""Cases that name each file whose text is held elsewhere. Other cases only count these files."""
 
 OF_OTHER_TARGETS = ("ros", "ros_cpp", "topics")
 """Cases that generate neither Python nor headers, which are alike in all others."""
@@ -162,8 +162,10 @@ def is_hashed(case: str, path: str) -> bool:
     """
     if path.endswith(("_shm.h", "_Publisher.st", "_Subscriber.st")):
         return case not in ("pose", "everything")
-    if case == "noetic" and ("/srv/" in path or path.endswith(("_Client.st", "_Server.st"))):
+    if case == "noetic" and ("/srv/" in path or "_Reset" in path):
         return True
+    if path.endswith("/__init__.py"):
+        return case not in ("pose", "everything", "service")
     if path.startswith("c/") and case in ("empty", "noetic", "reserved", "service"):
         return not path.endswith(("_service.h", "_action.h"))
     return case == "ros_cpp" and "/shm_arm/" in path
