@@ -20,9 +20,9 @@ def doctor(topic: str | None, as_json: bool, source: options.Source) -> None:
     """Find faults in the shared memory of topics, and print remedies.
 
     A region is the shared memory of one topic. The command checks the owner, mode, writer, lock, semaphore, layout and
-    depth of all regions, or of TOPIC. Layout and depth must match shmgen.toml and generated/layout.lock in the current
-    folder. The command also reports 32-bit processes that share a region with 64-bit processes, and processes that
-    still use a removed region. The exit code is 1 if the command finds a fault.
+    depth of all regions, or of TOPIC. The layout and depth of each region must match shmgen.toml and
+    generated/layout.lock in the current folder. The command also reports 32-bit processes that share a region with
+    64-bit processes, and processes that still use a removed region. The exit code is 1 if the command finds a fault.
     """
     from shmgen.tools.doctor import doctor as tool
     from shmgen.tools.messages import format
@@ -169,7 +169,7 @@ def pub(
 ) -> None:
     """Publish VALUES, in YAML or JSON, on a topic.
 
-    Omitted fields get their default values. A field for a time may have the value `now`.
+    Omitted fields get their default values. A field of a time type may have the value `now`.
 
     \b
     Publish ten samples a second:
