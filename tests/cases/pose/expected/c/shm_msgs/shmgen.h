@@ -51,33 +51,33 @@ SHMGEN_BEGIN_DECLS
 
 #define SHMGEN_MAGIC UINT32_C(0x474D4853)       /* 'SHMG', marks a region */
 #define SHMGEN_ABI 2                            /* version of the protocol */
-#define SHMGEN_HEADER_SIZE 192                  /* bytes before slot 0 */
-#define SHMGEN_SLOT_HEADER 16                   /* bytes before the payload of a slot */
-#define SHMGEN_SLOT_STEP 64                     /* bytes; slot sizes are multiples of this number */
-#define SHMGEN_LANES 2                          /* arrays of slots in a region; each writer uses only one lane */
-#define SHMGEN_PAGE 4096                        /* bytes; region sizes are multiples of this number */
-#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* substitute for a PLC's process id, which a PLC cannot determine */
+#define SHMGEN_HEADER_SIZE 192                  /* header size in bytes */
+#define SHMGEN_SLOT_HEADER 16                   /* slot header size in bytes */
+#define SHMGEN_SLOT_STEP 64                     /* slot sizes are multiples of 64 bytes */
+#define SHMGEN_LANES 2                          /* number of lanes in a region */
+#define SHMGEN_PAGE 4096                        /* region sizes are multiples of 4096 bytes */
+#define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* substitute for a PLC's process id */
 #define SHMGEN_LAST UINT32_C(0xFFFFFFFF)        /* largest sample number */
-#define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* numbers have restarted if a sample's number is this far ahead or farther */
-#define SHMGEN_FORGET UINT32_C(0x10000000)      /* after this many samples, a writer clears the other lane's number, which would later look new */
-#define SHMGEN_LEFT_OUT 2                       /* maximum number of sample numbers that a takeover skips */
+#define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* a sample number at least this far ahead means restarted numbers */
+#define SHMGEN_FORGET UINT32_C(0x10000000)      /* after this many samples, a writer clears the other lane's old number, before it counts as later */
+#define SHMGEN_LEFT_OUT 2                       /* a takeover skips at most this many sample numbers */
 #define SHMGEN_MAX_DEPTH 65535                  /* largest depth, in samples */
-#define SHMGEN_MAX_TYPE_NAME 95                 /* bytes of the longest type name, without the terminating 0 */
-#define SHMGEN_MAX_NAME 74                      /* longest region name, in bytes (STRING(80) minus '-event') */
-#define SHMGEN_MAX_CALL_NAME 65                 /* longest service or action name, in bytes (MAX_NAME minus '-response') */
+#define SHMGEN_MAX_TYPE_NAME 95                 /* longest type name in bytes, without terminating 0 */
+#define SHMGEN_MAX_NAME 74                      /* longest region name, in bytes */
+#define SHMGEN_MAX_CALL_NAME 65                 /* longest service or action name, in bytes */
 #define SHMGEN_WRITER_LOCK 0                    /* byte of the writer's record lock */
 #define SHMGEN_REPAIR_LOCK 1                    /* byte of the record lock for creation, lock recovery and removal */
-#define SHMGEN_READER_LOCK 2                    /* byte of the shared record lock of readers */
+#define SHMGEN_READER_LOCK 2                    /* byte of the readers' shared record lock */
 #define SHMGEN_RETRY_MS 500                     /* interval at which a PLC retries to open a region */
 #define SHMGEN_CLAIM_MS 1000                    /* a writer whose heartbeat is unchanged for this long counts as dead */
-#define SHMGEN_CONFIRM_MS 100                   /* a new writer owns the topic if its id in `writer` is unchanged after this time */
-#define SHMGEN_RECOVER_MS 1000                  /* a lock with the same holder for this long is stuck */
+#define SHMGEN_CONFIRM_MS 100                   /* time for which a new writer's id must stay unchanged */
+#define SHMGEN_RECOVER_MS 1000                  /* a lock with an unchanged holder is stuck after this time */
 #define SHMGEN_DEAD_MS 50                       /* a lock whose holder no longer exists is stuck after this time */
 #define SHMGEN_LOCK_MS 10                       /* default timeout for the lock */
-#define SHMGEN_WAKE_MS 10                       /* longest sleep of a waiting reader, also after a lost wake-up */
+#define SHMGEN_WAKE_MS 10                       /* longest single sleep of a waiting reader */
 #define SHMGEN_POLL_MS 1                        /* interval of a polling reader */
 #define SHMGEN_HEARTBEAT_MS 50                  /* longest interval between two heartbeats of a waiting server */
-#define SHMGEN_PEER_MS 100                      /* a creator that has not set its file's size and group after this time counts as dead */
+#define SHMGEN_PEER_MS 100                      /* longest time in which a creator sets its file's size and group */
 #define SHMGEN_REMOVED_MS 100                   /* interval at which processes check whether their region was removed */
 
 /* A time or duration, if shmgen.toml contains time = "struct". */
@@ -97,22 +97,22 @@ typedef struct SHMGEN_PACKED shmgen_region {
     uint16_t header_size;    /* 6: size of this header: 192 bytes */
     uint64_t digest;         /* 8: layout digest of the message */
     uint32_t payload_size;   /* 16: size of one message in bytes */
-    uint32_t slot_size;      /* 20: 16 + payload_size, rounded up to a multiple of 64 bytes */
+    uint32_t slot_size;      /* 20: slot size: 16 + payload_size, rounded up to a multiple of 64 bytes */
     uint32_t writer;         /* 24: writer's process id; 0xFFFFFFFF = a PLC, 0 = no writer */
-    uint32_t slots;          /* 28: slots in each of the two lanes: a power of two, at least 2 */
+    uint32_t slots;          /* 28: slots in each lane: a power of two, at least 2 */
     char type_name[96];      /* 32: message type, such as 'geometry_msgs/msg/Pose'; unused bytes are 0 */
-    uint32_t completed0;     /* 128: number of the newest sample in lane 0, 0 = none yet */
-    uint32_t completed1;     /* 132: number of the newest sample in lane 1, 0 = none yet */
-    uint32_t turn;           /* 136: changes at each takeover; bit 0 = a takeover is in progress; bit 1 = the writer's lane */
-    uint32_t left;           /* 140: all samples of the writer have later numbers; 0 = not set */
-    uint32_t retired;        /* 144: 1 = region removed or replaced: each end closes it */
-    uint32_t ordered;        /* 148: 1 = this machine (x86) keeps the order of stores and loads */
+    uint32_t completed0;     /* 128: number of the newest sample in lane 0, 0 = none */
+    uint32_t completed1;     /* 132: number of the newest sample in lane 1, 0 = none */
+    uint32_t turn;           /* 136: changes at each takeover; bit 0 = takeover in progress; bit 1 = the writer's lane */
+    uint32_t left;           /* 140: all samples of the writer have numbers later than this number; 0 = not set */
+    uint32_t retired;        /* 144: 1 = region removed or replaced: each endpoint closes it */
+    uint32_t ordered;        /* 148: 1 = on this CPU (x86), access is safe without the lock */
     uint32_t heartbeat;      /* 152: counter that a running writer increments, also without samples */
-    uint32_t lock_holder;    /* 156: holder's process id; 0xFFFFFFFF = a PLC, 0 = free */
+    uint32_t lock_holder;    /* 156: lock holder's process id; 0xFFFFFFFF = a PLC, 0 = free */
     uint32_t recoveries;     /* 160: number of recoveries of a stuck lock */
     uint32_t armed;          /* 164: 1 = a reader waits; the writer stores 0 and wakes all readers */
-    uint32_t lock_count;     /* 168: incremented at each acquisition of the lock */
-    uint32_t missed;         /* 172: missed samples of all readers, shown by tools */
+    uint32_t lock_count;     /* 168: number of acquisitions of the lock */
+    uint32_t missed;         /* 172: sum of all readers' missed samples, shown by tools */
     uint32_t bell;           /* 176: number of the sample for which the writer last woke readers */
     uint8_t reserved180[12]; /* 180: 0 */
 } shmgen_region;
