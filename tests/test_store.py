@@ -58,7 +58,7 @@ def test_list_says_what_stops_each_message() -> None:
 
 
 DISTRIBUTIONS = re.findall(
-    r"^\| (\w+) \| (\d+) generated", (REPOSITORY / "docs" / "ros-wire.md").read_text(), re.MULTILINE
+    r"^\| (\w+) \| (\d+) messages", (REPOSITORY / "docs" / "ros-wire.md").read_text(), re.MULTILINE
 )
 
 
