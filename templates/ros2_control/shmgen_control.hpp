@@ -274,13 +274,11 @@ private:
     }
     template <class H> static bool get(const H &handle, double &value, long) { return handle.get_value(value); }
     // Copy the command into its message. Return false if the field cannot hold the value. If a command has neither a
-    // value nor a safe value yet, its region is not written.
+    // value nor a safe value yet, its region is not written. While a controller writes the value, the last value stays.
     static bool take(Command &command)
     {
         double value = 0;
-        if (!get(*command.handle, value, 0))
-            return true; // a controller is writing the value now: read the value in the next cycle
-        if (std::isnan(value)) {
+        if (!get(*command.handle, value, 0) || std::isnan(value)) {
             command.region->is_complete = command.region->is_complete && (command.was_set || !std::isnan(command.safe));
             return true;
         }
