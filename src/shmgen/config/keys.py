@@ -100,7 +100,7 @@ KEYS = (
         pattern="([a-z](_?[a-z0-9])+_?)?", rule=_REP_144),
     _choice("types", "bool", ("USINT", "BOOL"), "IEC type of a bool."),
     _choice("types", "time", ("TIME", "LTIME", "struct"), "IEC type of a time or duration."),
-    _choice("types", "names", ("plc", "ros"), "Whether messages from `shmgen import` have PLC or ROS names."),
+    _choice("types", "names", ("plc", "ros"), "Whether `shmgen import` keeps PLC names or writes ROS names."),
     Key("strings", "default", "integer", 80,
         "Capacity in bytes of strings without a bound; 80 is the default of CODESYS."),
     _choice("strings", "encoding", ("utf-8", "latin-1"), "Encoding of strings in a region."),
