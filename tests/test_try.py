@@ -124,7 +124,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         pytest.skip("no npm: apt-get install npm")
     site = tmp_path_factory.mktemp("site")
     shutil.copytree(PAGE, site / "try")
-    _, _, body = (PAGE / "index.md").read_text().split("---\n", 2)
+    body = (PAGE / "form.html").read_text()
     (site / "try" / "index.html").write_text(f"<!doctype html><meta charset=utf-8><title>Try</title>{body}")
     subprocess.run([sys.executable, REPOSITORY / "docs" / "site" / "try_files.py", site], check=True)
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=site)) as server:

@@ -43,8 +43,13 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Turn links between files into links between pages, and links to sources into links to SHMGEN_REPOSITORY."""
+    """Turn links between files into links between pages, and links to sources into links to SHMGEN_REPOSITORY.
+
+    Append the form of the page that generates in the browser.
+    """
     here = page.file.src_uri
+    if here == "try/index.md":
+        markdown += "\n" + (ROOT / "docs" / "try" / "form.html").read_text()
     inside = {name: place for place, name in _elsewhere().items()}
     folder = posixpath.dirname(inside.get(here, f"docs/{here}"))
     elsewhere = _elsewhere()

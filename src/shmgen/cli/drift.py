@@ -60,9 +60,10 @@ def check(
 ) -> None:
     """Check that definitions, generated files and layout.lock agree.
 
-    The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. There
-    are three kinds of changes. Breaking: a field moved or changed its meaning; rebuild the PLC program and all other
-    programs. Compatible: comments or new constants. Cosmetic: only the text of generated files.
+    The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. There are
+    three kinds of changes. Breaking: a field moved or changed its meaning; rebuild the PLC program and all other
+    programs. Compatible: comments changed, or constants were added or removed. Cosmetic: no program behaves
+    differently.
     """
     from shmgen.cli import requested
     from shmgen.core.write import current
@@ -110,7 +111,7 @@ def diff(old: str, new: str, output: Path, form: str, fail_on: str) -> None:
     """Compare the message layouts of two git revisions.
 
     OLD and NEW are each a git revision, a layout.lock file, or the folder of a layout.lock. The exit code is 1 if a
-    change has at least the severity of --fail-on.
+    change is at least as severe as the value of --fail-on.
     """
     from shmgen.drift import revisions
     from shmgen.drift.compare import compare

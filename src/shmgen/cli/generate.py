@@ -79,10 +79,10 @@ def generate(
 ) -> None:
     """Generate code for messages, services and actions.
 
-    Each argument is a type (geometry_msgs/Pose), a package (geometry_msgs) or a file (path/to/Foo.msg). With
-    arguments, shmgen keeps the files that earlier runs generated for other messages. Without arguments, shmgen
-    generates the messages in shmgen.toml and removes the files of all other messages. shmgen writes only files whose
-    content changes, and no file after an error.
+    Each argument is a type (geometry_msgs/Pose), a package (geometry_msgs) or a file (path/to/Foo.msg). With arguments,
+    shmgen keeps the files that earlier runs generated for other messages. Without arguments, shmgen generates the
+    messages in shmgen.toml and removes the files of all other messages. shmgen writes only files whose content changes.
+    After an error, shmgen writes no file.
     """
     from shmgen.core.write import current, names_in, unlisted, write
 

@@ -47,7 +47,7 @@ def doctor(topic: str | None, as_json: bool, source: options.Source) -> None:
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
     """Remove the shared memory and semaphores of topics from /dev/shm.
 
-    The command refuses to remove a region that a process uses, and then exits with 1.
+    If a process uses a region, the command does not remove this region and exits with 1.
     """
     from shmgen.live import processes, regions
     from shmgen.runtime import RegionMissing, ShmError
@@ -121,10 +121,10 @@ def echo(
 ) -> None:
     """Print the samples of a topic as YAML, JSON or CSV.
 
-    The command needs no generated code, because the shared memory contains the name of the type. The command
-    searches definitions of your own messages in the folders of -I and of the key `path` in shmgen.toml. Bounds come
-    from shmgen.toml or generated/layout.lock. If the topic does not exist yet, the command waits. If a sequence in a
-    sample has more elements than its bound, the command reports an error and exits with 1.
+    The command needs no generated code, because the shared memory contains the name of the type. The command searches
+    the folders given with -I, and those in the key `path` of shmgen.toml, for the definitions of your own messages.
+    Bounds come from shmgen.toml or generated/layout.lock. If the topic does not exist yet, the command waits. If a
+    sequence in a sample has more elements than its bound, the command reports an error and exits with 1.
     """
     from shmgen.runtime import CountExceeded, RegionUnusable
     from shmgen.tools.messages import echo as tool

@@ -48,7 +48,7 @@ def topics(as_json: bool) -> None:
 @common.json_option
 @common.report_errors
 def info(topic: str, as_json: bool) -> None:
-    """Print the type, size, samples, writer and readers of a topic."""
+    """Print type, size, sample count, writer and readers of a topic."""
     from shmgen.tools.messages.format import as_line
     from shmgen.tools.watch import overview as tool
 
