@@ -28,7 +28,7 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_GOAL_REJECTED (-1)
 
 /* Buffer size in bytes for the name of one region of a service or action. */
-#define SHMGEN_HALF 300
+#define SHMGEN_JOINED_SIZE 300
 /* Poll interval in ns while waiting for a server or for a lock. */
 #define SHMGEN_LOOK (2 * SHMGEN_MS)
 
@@ -99,13 +99,13 @@ static inline bool shmgen_is_reopening(const shmgen_link *end, shmgen_status sta
 }
 
 /* Store the name of one region, `name` and then `suffix` ("/cell/start-request"), in `into`, and return `into`, a
- * buffer of SHMGEN_HALF bytes. A longer name is truncated. The result is then still too long for a region, so
+ * buffer of SHMGEN_JOINED_SIZE bytes. A longer name is truncated. The result is then still too long for a region, so
  * opening refuses it. If `name` is empty, the result is empty. */
-static inline const char *shmgen_half(char *into, const char *name, const char *suffix)
+static inline const char *shmgen_join_name(char *into, const char *name, const char *suffix)
 {
-    const size_t behind = strlen(suffix), most = SHMGEN_HALF - 1 - behind;
+    const size_t behind = strlen(suffix), most = SHMGEN_JOINED_SIZE - 1 - behind;
     const size_t length = strlen(name) < most ? strlen(name) : most;
-    memset(into, 0, SHMGEN_HALF);
+    memset(into, 0, SHMGEN_JOINED_SIZE);
     memcpy(into, name, length);
     if (length != 0)
         memcpy(into + length, suffix, behind);

@@ -44,19 +44,20 @@ static inline shmgen_status shmgen_client_start(
     shmgen_client *self, const char *name, const shmgen_interface *carries, const shmgen_options *options)
 {
     const bool acts = shmgen_is_action(carries);
-    char topic[SHMGEN_HALF];
+    char topic[SHMGEN_JOINED_SIZE];
     shmgen_status status;
     memset(self, 0, sizeof *self);
     self->carries = *carries;
     status = shmgen_publisher_start(
-        &self->requests, shmgen_half(topic, name, acts ? "-goal" : "-request"), &carries->request.type, options);
+        &self->requests, shmgen_join_name(topic, name, acts ? "-goal" : "-request"), &carries->request.type, options);
     if (status != SHMGEN_OPENING)
         return status;
     if (acts)
         shmgen_subscriber_start(
-            &self->progress, shmgen_half(topic, name, "-feedback"), &carries->progress.type, options);
+            &self->progress, shmgen_join_name(topic, name, "-feedback"), &carries->progress.type, options);
     return shmgen_subscriber_start(
-        &self->responses, shmgen_half(topic, name, acts ? "-result" : "-response"), &carries->response.type, options);
+        &self->responses, shmgen_join_name(topic, name, acts ? "-result" : "-response"),
+        &carries->response.type, options);
 }
 
 /* Continue to open the regions, without waiting. Return SHMGEN_OPENING until all regions are open, then SHMGEN_OK.

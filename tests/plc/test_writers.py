@@ -214,7 +214,7 @@ def test_a_plc_that_was_replaced_within_its_cycle_takes_no_call(calls: Calls, sr
     with srv.AskClient(topic) as client:
         for owner, taken in ((4242, False), (header.PLC, True)):
             client._calls.send_request(srv.Ask_Request(question=5))
-            server._fbServer.method("Cycle", iJob=0, xOther=True, eOther="NO_ERROR")
+            server._fbServer.method("Cycle", iJob=0, xProgressReady=True, eProgressError="NO_ERROR")
             Memory(topic, "-response")["writer"] = owner
             assert server._fbServer.method("BeginTake")
             assert server._fbServer.method("EndTake", udiCancel=0) == taken

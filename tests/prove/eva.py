@@ -59,7 +59,7 @@ HARNESSES = (
         ),
     ),
     Harness("open", 350, Fault("shmgen_open.h", 'char own[280] = "/";', 'char own[248] = "/";')),
-    Harness("name", 400, Fault("shmgen_calls.h", "SHMGEN_HALF - 1 - behind", "SHMGEN_HALF - behind + 1")),
+    Harness("name", 400, Fault("shmgen_calls.h", "SHMGEN_JOINED_SIZE - 1 - behind", "SHMGEN_JOINED_SIZE - behind + 1")),
     Harness("calls", 50, Fault("shmgen_calls.h", "payload, 0, self->end.type.size", "payload, 0, self->end.slot_size")),
 )
 

@@ -16,11 +16,11 @@ static void named(size_t letters, const char *ending)
 
 static void halved(size_t letters)
 {
-    char name[320], half[SHMGEN_HALF];
+    char name[320], half[SHMGEN_JOINED_SIZE];
     memset(name, 'a', letters);
     name[letters] = 0;
-    shmgen_half(half, name, "-feedback");
-    /*@ assert half[SHMGEN_HALF - 1] == 0; */
+    shmgen_join_name(half, name, "-feedback");
+    /*@ assert half[SHMGEN_JOINED_SIZE - 1] == 0; */
 }
 
 int main(void)
