@@ -69,13 +69,13 @@ NUMBERS = (
         "RESTART_GAP",
         RESTART_GAP,
         "UDINT",
-        "a sample number at least this far ahead means restarted numbers",
+        "if a sample's number is at least this far after the last read number, the writer restarted its numbers",
     ),
     Number(
         "FORGET",
         FORGET,
         "UDINT",
-        "after this many samples, a writer clears the other lane's old number, before it counts as later",
+        "after this many samples, a writer clears the other lane's old number, before it compares as later",
     ),
     Number("LEFT_OUT", LEFT_OUT, "UDINT", "a takeover skips at most this many sample numbers"),
     Number("MAX_DEPTH", MAX_DEPTH, "UDINT", "largest depth, in samples"),
@@ -109,7 +109,7 @@ NUMBERS = (
     Number("WAKE_MS", WAKE_MS, "", "longest single sleep of a waiting reader"),
     Number("POLL_MS", POLL_MS, "", "interval of a polling reader"),
     Number("HEARTBEAT_MS", HEARTBEAT_MS, "", "longest interval between two heartbeats of a waiting server"),
-    Number("PEER_MS", PEER_MS, "", "longest time in which a creator sets its file's size and group"),
+    Number("PEER_MS", PEER_MS, "", "time that other endpoints give a creator to set the file's size and group"),
     Number("REMOVED_MS", REMOVED_MS, "", "interval at which processes check whether their region was removed"),
 )
 """The constants of the protocol. Constants whose names end with _MS are in milliseconds."""
@@ -215,7 +215,7 @@ HEADER = (
         "left",
         "udiLeft",
         "writer",
-        "all samples of the writer have numbers later than this number; 0 = not set",
+        "all samples of the current writer have numbers later than this one; 0 = not set",
     ),
     HeaderField(
         144,
@@ -251,7 +251,7 @@ HEADER = (
         "armed",
         "udiArmed",
         "a waiting reader",
-        "1 = a reader waits; the writer stores 0 and wakes all readers",
+        "1 = a reader waits; a writer that wakes the readers stores 0",
     ),
     HeaderField(168, "u32", "lock_count", "udiLockCount", "lock holder", "number of acquisitions of the lock"),
     HeaderField(172, "u32", "missed", "udiMissed", "readers", "sum of all readers' missed samples, shown by tools"),

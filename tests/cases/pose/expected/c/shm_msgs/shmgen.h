@@ -58,8 +58,8 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_PAGE 4096                        /* region sizes are multiples of 4096 bytes */
 #define SHMGEN_PLC UINT32_C(0xFFFFFFFF)         /* substitute for a PLC's process id */
 #define SHMGEN_LAST UINT32_C(0xFFFFFFFF)        /* largest sample number */
-#define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* a sample number at least this far ahead means restarted numbers */
-#define SHMGEN_FORGET UINT32_C(0x10000000)      /* after this many samples, a writer clears the other lane's old number, before it counts as later */
+#define SHMGEN_RESTART_GAP UINT32_C(0x80000000) /* if a sample's number is at least this far after the last read number, the writer restarted its numbers */
+#define SHMGEN_FORGET UINT32_C(0x10000000)      /* after this many samples, a writer clears the other lane's old number, before it compares as later */
 #define SHMGEN_LEFT_OUT 2                       /* a takeover skips at most this many sample numbers */
 #define SHMGEN_MAX_DEPTH 65535                  /* largest depth, in samples */
 #define SHMGEN_MAX_TYPE_NAME 95                 /* longest type name in bytes, without terminating 0 */
@@ -77,7 +77,7 @@ SHMGEN_BEGIN_DECLS
 #define SHMGEN_WAKE_MS 10                       /* longest single sleep of a waiting reader */
 #define SHMGEN_POLL_MS 1                        /* interval of a polling reader */
 #define SHMGEN_HEARTBEAT_MS 50                  /* longest interval between two heartbeats of a waiting server */
-#define SHMGEN_PEER_MS 100                      /* longest time in which a creator sets its file's size and group */
+#define SHMGEN_PEER_MS 100                      /* time that other endpoints give a creator to set the file's size and group */
 #define SHMGEN_REMOVED_MS 100                   /* interval at which processes check whether their region was removed */
 
 /* A time or duration, if shmgen.toml contains time = "struct". */
@@ -104,13 +104,13 @@ typedef struct SHMGEN_PACKED shmgen_region {
     uint32_t completed0;     /* 128: number of the newest sample in lane 0, 0 = none */
     uint32_t completed1;     /* 132: number of the newest sample in lane 1, 0 = none */
     uint32_t turn;           /* 136: changes at each takeover; bit 0 = takeover in progress; bit 1 = the writer's lane */
-    uint32_t left;           /* 140: all samples of the writer have numbers later than this number; 0 = not set */
+    uint32_t left;           /* 140: all samples of the current writer have numbers later than this one; 0 = not set */
     uint32_t retired;        /* 144: 1 = region removed or replaced: each endpoint closes it */
     uint32_t ordered;        /* 148: 1 = on this CPU (x86), access is safe without the lock */
     uint32_t heartbeat;      /* 152: counter that a running writer increments, also without samples */
     uint32_t lock_holder;    /* 156: lock holder's process id; 0xFFFFFFFF = a PLC, 0 = free */
     uint32_t recoveries;     /* 160: number of recoveries of a stuck lock */
-    uint32_t armed;          /* 164: 1 = a reader waits; the writer stores 0 and wakes all readers */
+    uint32_t armed;          /* 164: 1 = a reader waits; a writer that wakes the readers stores 0 */
     uint32_t lock_count;     /* 168: number of acquisitions of the lock */
     uint32_t missed;         /* 172: sum of all readers' missed samples, shown by tools */
     uint32_t bell;           /* 176: number of the sample for which the writer last woke readers */
