@@ -293,7 +293,7 @@ SAID = {
         "Set `udiDepth` to a value from 1 to {MAX_DEPTH}",
     ],
     "docs/protocol.md": [
-        "unchanged for {DEAD_MS} ms", "The number after 16#{LAST:08X} is", "is unchanged, {WAKE_MS} ms at a time",
+        "unchanged for {DEAD_MS} ms", "After 16#{LAST:08X}, the numbers", "is unchanged, {WAKE_MS} ms at a time",
     ],
 }  # fmt: skip
 

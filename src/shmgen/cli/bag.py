@@ -120,10 +120,10 @@ def play(
 ) -> None:
     """Publish the samples of a bag at the recorded intervals.
 
-    BAG is a folder or an .mcap file from `shmgen record` or `ros2 bag`; a truncated file is played up to its end. In a
-    test, a bag replaces the robot or the PLC. Stop the replaced publisher first, because a topic has one publisher.
-    The command plays services and actions only if --topics names them. The command rejects a bag if its message
-    layouts differ from your shmgen.toml.
+    BAG is a folder or an .mcap file from `shmgen record` or `ros2 bag`; a damaged file is played up to the damage. In a
+    test, a bag replaces the robot or the PLC. Stop the replaced publisher first, because a topic has one publisher. The
+    command plays services and actions only if --topics names them. The command rejects a bag if its message layouts
+    differ from your shmgen.toml.
     """
     from shmgen.bag.play import Player
 

@@ -26,10 +26,10 @@ def bridge(backend: str | None, ros_arguments: tuple[str, ...], source: options.
 
     The bridge carries the topics, services and actions of shmgen.toml until Ctrl-C or SIGTERM. The backends are ros2
     (rclpy), ros1 (rospy), dds and zenoh. The backends dds and zenoh connect to ROS 2 nodes through the Python packages
-    cyclonedds or eclipse-zenoh, without an installed ROS. With the backend auto, the bridge uses the ROS whose
-    setup was sourced. If no setup was sourced, the bridge uses an installed backend. ROS_ARGUMENT is an argument of a
-    ROS node, such as `--ros-args -r __node:=cell`. On SIGUSR1 and at exit, the bridge prints its counters. On SIGHUP,
-    the bridge reads shmgen.toml again.
+    cyclonedds or eclipse-zenoh, without an installed ROS. With the backend auto, the bridge uses the ROS whose setup
+    was sourced. If no setup was sourced, the bridge uses the first installed backend of ros2, dds, zenoh and ros1.
+    ROS_ARGUMENT is an argument of a ROS node, such as `--ros-args -r __node:=cell`. On SIGUSR1 and at exit, the bridge
+    prints its counters. On SIGHUP, the bridge reads shmgen.toml again.
     """
     from shmgen.bridge.backend import BackendMissing
     from shmgen.bridge.common import watchdog

@@ -60,9 +60,9 @@ def check(
 ) -> None:
     """Check that definitions, generated files and layout.lock agree.
 
-    The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. There are
-    three kinds of changes. Breaking: a field moved or changed its meaning; rebuild the PLC program and all other
-    programs. Compatible: comments changed, or constants were added or removed. Cosmetic: no program behaves
+    The command writes no file. The exit code is 0 if `shmgen generate` would change nothing, otherwise 1. The command
+    distinguishes three kinds of changes. Breaking: a field moved or changed its meaning; rebuild the PLC program and
+    all other programs. Compatible: comments changed, or constants were added or removed. Cosmetic: no program behaves
     differently.
     """
     from shmgen.cli import requested

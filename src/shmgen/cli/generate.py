@@ -157,8 +157,8 @@ def _write_depfile(file: Path, read: Iterable[Path]) -> dict[str, str]:
 def show(type_name: str, as_json: bool, as_svg: bool, source: options.Source) -> None:
     """Print the byte layout of a message.
 
-    The columns are offset, size, name, ROS type, IEC 61131-3 type and comment. TYPE may also be the digest of a layout
-    from an error message, such as 16#BB4625C354F90C85.
+    The columns are offset, size, name, ROS type, IEC 61131-3 type and comment. TYPE may also be a layout's digest,
+    which error messages contain, such as 16#BB4625C354F90C85.
     """
     from shmgen.show import table
 

@@ -47,7 +47,7 @@ def doctor(topic: str | None, as_json: bool, source: options.Source) -> None:
 def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool) -> None:
     """Remove the shared memory and semaphores of topics from /dev/shm.
 
-    If a process uses a region, the command does not remove this region and exits with 1.
+    If a process uses a region, the command keeps this region and exits with 1.
     """
     from shmgen.live import processes, regions
     from shmgen.runtime import RegionMissing, ShmError
@@ -121,10 +121,10 @@ def echo(
 ) -> None:
     """Print the samples of a topic as YAML, JSON or CSV.
 
-    The command needs no generated code, because the shared memory contains the name of the type. The command searches
-    the folders given with -I, and those in the key `path` of shmgen.toml, for the definitions of your own messages.
-    Bounds come from shmgen.toml or generated/layout.lock. If the topic does not exist yet, the command waits. If a
-    sequence in a sample has more elements than its bound, the command reports an error and exits with 1.
+    The command needs no generated code, because the shared memory contains the name of the type. The command finds your
+    own message definitions in the folders given with -I, and in the key `path` of shmgen.toml. Bounds come from
+    shmgen.toml or generated/layout.lock. If the topic does not exist yet, the command waits. If a sequence in a sample
+    has more elements than its bound, the command reports an error and exits with 1.
     """
     from shmgen.runtime import CountExceeded, RegionUnusable
     from shmgen.tools.messages import echo as tool
@@ -230,8 +230,9 @@ def call(service: str, type_name: str, values: str, timeout: float, as_json: boo
 def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
     """Show all topics in shared memory in a live table.
 
-    The columns include the writer, rate, age and missed samples of each topic. Press q to quit, s to sort by the next
-    column, and r to reverse the order. If the output is a pipe, the command prints one table after the other.
+    The columns include each topic's writer, rate and missed samples, and the age of the newest sample. Press q to quit,
+    s to sort by the next column, and r to reverse the order. If the output is a pipe, the command prints one table
+    after the other.
     """
     from shmgen.live.regions import unlisted
     from shmgen.tools.messages.format import as_line

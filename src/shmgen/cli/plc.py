@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bool) -> None:
     """Create ROS message definitions from data types of a PLC project.
 
-    The command reads PLCopen XML, .TcDUT and .st files. The definitions keep names, comments and layouts, so that
-    Structured Text generated from the definitions contains the same types. If a TwinCAT project has a .tmc file, the
-    command compares the layouts with this file. After an error, the command writes no file.
+    The command reads PLCopen XML, .TcDUT and .st files. The definitions keep names, comments and layouts. If you
+    generate Structured Text from these definitions, it contains the same types. If a TwinCAT project has a .tmc file,
+    the command compares the layouts with this file. After an error, the command writes no file.
     """
     from shmgen.plc import messages, sources
 
