@@ -1,4 +1,4 @@
-"""Message classes as the generator writes them, by hand, and the work of a second process."""
+"""Define message classes like the generated ones, and the jobs of a second process."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Pose(runtime.Message):
 
 
 class Scan(runtime.Message):
-    """A number, a fixed long array, a bounded long array between short members, and text."""
+    """A message with a number, a fixed long array, a bounded long array and text."""
 
     _type_name_ = "test_msgs/msg/Scan"
     _digest_ = 0x5CA9
@@ -80,7 +80,7 @@ class ScanSubscriber(runtime.Subscriber[Scan]):
 
 
 def pose(x: float) -> SimpleNamespace:
-    """A foreign message, of one number in each field, so that a torn copy shows."""
+    """Return a message of another class with one number in all fields, so that a torn copy is detectable."""
     return SimpleNamespace(position=SimpleNamespace(x=x, y=x, z=x), orientation=SimpleNamespace(x=x, y=x, z=x, w=x))
 
 
@@ -88,39 +88,39 @@ def whole(message: Pose) -> bool:
     return len(set(POSE.unpack(bytes(message)))) == 1
 
 
-def say(line: object) -> None:
+def print_line(line: object) -> None:
     print(line, flush=True)
 
 
-def main(work: str, topic: str, depth: int = 1) -> None:
-    """What the other process does; it says a line when it is ready, and ends when its input does."""
-    claim._STOOD_STILL = math.inf  # as in_time does for the tests
-    match work:
+def main(job: str, topic: str, depth: int = 1) -> None:
+    """Do the job of the second process: print a line when it is ready, and end with the end of its input."""
+    claim._STOOD_STILL = math.inf  # like the fixture in_time
+    match job:
         case "publish":
             with PosePublisher(topic, depth=depth) as publisher:
-                say("ready")
+                print_line("ready")
                 for line in sys.stdin:
                     publisher.publish(pose(float(line)))
-                    say(publisher.sequence)
+                    print_line(publisher.sequence)
         case "read":
             with PoseSubscriber(topic, depth=depth) as subscriber:
-                say("ready")
+                print_line("ready")
                 for _ in sys.stdin:
                     message = subscriber.wait(5)
-                    say(message and message.position.x)
+                    print_line(message and message.position.x)
         case "await":
             subscribers = [PoseSubscriber(f"{topic}/t{number}") for number in range(depth)]
-            say("ready")
+            print_line("ready")
             while True:
-                for one in runtime.ready_any(subscribers, 60):
-                    say(one.read().position.x)
+                for subscriber in runtime.ready_any(subscribers, 60):
+                    print_line(subscriber.read().position.x)
         case "flood":
             with PosePublisher(topic, depth=depth, lock_timeout=0) as publisher:
-                say("ready")
+                print_line("ready")
                 end = time.monotonic() + 20
                 number = 1
                 while time.monotonic() < end:
-                    with suppress(runtime.LockTimeout):  # where the lock is needed: nothing was published
+                    with suppress(runtime.LockTimeout):  # only where the lock is required: nothing was published
                         publisher.publish(pose(float(number)))
                         number += 1
         case "inside":
@@ -129,16 +129,16 @@ def main(work: str, topic: str, depth: int = 1) -> None:
                 assert region_of(subscriber).semaphore.acquire()
                 words[h.LOCK_COUNT] += 1
                 words[h.LOCK_HOLDER] = os.getpid()
-                say("ready")
+                print_line("ready")
                 sys.stdin.read()
         case "hold":
             with PoseSubscriber(topic, depth=depth) as subscriber:
                 region_of(subscriber).semaphore.acquire()
-                say("ready")
+                print_line("ready")
                 sys.stdin.read()
                 region_of(subscriber).semaphore.post()
         case _:
-            raise SystemExit(work)
+            raise SystemExit(job)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The newest sample where it lies: what is read of it counts, or the end of the `with` says that it does not."""
+"""Subscriber.borrow() lends the newest sample in place, and raises Overwritten if the writer overwrote the sample."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def pair(topic, msg):
         yield publisher, subscriber
 
 
-def test_a_sample_is_read_where_it_lies(msg, pair):
+def test_borrow_reads_the_sample_in_place(msg, pair):
     publisher, subscriber = pair
     with subscriber.borrow() as nothing:
         assert nothing is None
@@ -70,8 +70,8 @@ def test_a_sample_is_read_where_it_lies(msg, pair):
     with subscriber.borrow() as cloud:
         assert (cloud.id, cloud.name, cloud.at) == (7, "hall", runtime.Time())
         assert (cloud.first.x, cloud.first.colour.tolist()) == (2.5, [1, 2, 3])
-        assert [(one.x, one.colour[2]) for one in cloud.two] == [(0, 0), (2.5, 3)]
-        assert [one.x for one in cloud.some] == [2.5]
+        assert [(point.x, point.colour[2]) for point in cloud.two] == [(0, 0), (2.5, 3)]
+        assert [point.x for point in cloud.some] == [2.5]
         assert (cloud.depths.tolist(), cloud.flags.tolist(), bytes(cloud.data)) == ([0.5, 1.5], [True, False], b"abc")
         assert "name='hall'" in repr(cloud)
         region = region_of(publisher)
@@ -81,7 +81,7 @@ def test_a_sample_is_read_where_it_lies(msg, pair):
     assert (subscriber.sequence, subscriber.missed, subscriber.read()) == (2, 1, None)
 
 
-def test_nothing_is_written_there(msg, pair):
+def test_borrowed_sample_is_read_only(msg, pair):
     publisher, subscriber = pair
     publisher.publish(msg.Cloud(id=7, some=[msg.Point()], data=b"abc"))
     with subscriber.borrow() as cloud:
@@ -99,20 +99,20 @@ def test_nothing_is_written_there(msg, pair):
     )
 
 
-def borrowed(publisher, subscriber, kind, last):
-    """Reads in place, while the writer comes round to that slot."""
+def overwrite_while_borrowed(publisher, subscriber, kind, use):
+    """Overwrite the slot of a borrowed sample, and pass the sample to `use`."""
     with subscriber.borrow() as cloud:
         publisher.publish(kind())
         publisher.publish(kind(id=9))
-        last(cloud)
+        use(cloud)
 
 
-def test_one_that_is_overwritten_meanwhile_is_told_of_and_does_not_count(msg, pair):
+def test_overwritten_sample_raises_and_does_not_count(msg, pair):
     publisher, subscriber = pair
     publisher.publish(msg.Cloud(id=1))
     seen = []
     with pytest.raises(runtime.Overwritten, match="read the newest"):
-        borrowed(publisher, subscriber, msg.Cloud, lambda cloud: seen.append(cloud.id))
+        overwrite_while_borrowed(publisher, subscriber, msg.Cloud, lambda cloud: seen.append(cloud.id))
     assert (seen, subscriber.sequence, subscriber.missed) == ([9], 0, 1)
     with subscriber.borrow() as cloud:
         publisher.publish(msg.Cloud(id=4))  # into the other slot
@@ -120,34 +120,34 @@ def test_one_that_is_overwritten_meanwhile_is_told_of_and_does_not_count(msg, pa
     assert (subscriber.sequence, subscriber.missed, subscriber.read().id) == (3, 2, 4)
 
 
-def test_an_error_in_the_with_comes_out_unless_an_overwritten_sample_is_its_cause(msg, pair):
+def test_error_while_borrowing_is_raised_unless_overwritten(msg, pair):
     publisher, subscriber = pair
     publisher.publish(msg.Cloud(id=1))
     with pytest.raises(KeyError), subscriber.borrow():
         raise KeyError
     assert subscriber.sequence == 1
 
-    def torn(cloud):
+    def read_broken_count(cloud):
         region = region_of(publisher)
         place = region.payload(region.sample(publisher.sequence).start).start + vars(msg.Cloud)["data"].step.count_at
         region.map[place : place + 4] = b"\xff" * 4
         assert cloud.data
 
-    def interrupted(cloud):
+    def interrupt(cloud):
         raise KeyboardInterrupt
 
     publisher.publish(msg.Cloud(id=2))
     with pytest.raises(runtime.Overwritten) as raised:
-        borrowed(publisher, subscriber, msg.Cloud, torn)
+        overwrite_while_borrowed(publisher, subscriber, msg.Cloud, read_broken_count)
     assert isinstance(raised.value.__cause__, runtime.CountExceeded)
     publisher.publish(msg.Cloud(id=5))
     with pytest.raises(KeyboardInterrupt):
-        borrowed(publisher, subscriber, msg.Cloud, interrupted)
+        overwrite_while_borrowed(publisher, subscriber, msg.Cloud, interrupt)
     with subscriber.borrow() as cloud:
         assert cloud.id == 9
 
 
-def test_one_at_a_time(msg, pair):
+def test_subscriber_lends_one_sample_at_a_time(msg, pair):
     publisher, subscriber = pair
     publisher.publish(msg.Cloud(id=1))
     with subscriber.borrow() as cloud:
@@ -156,25 +156,25 @@ def test_one_at_a_time(msg, pair):
         assert cloud.id == 1
 
 
-def test_what_was_borrowed_outlives_its_subscriber(msg, pair):
-    """It is the memory still, and what was read counts no more."""
+def test_borrowed_sample_outlives_its_subscriber(msg, pair):
+    """Keep the memory mapped, and raise Closed at the end of the `with`."""
     publisher, subscriber = pair
     publisher.publish(msg.Cloud(id=1, data=b"abc"))
-    kept = []
+    borrowed = []
 
-    def closed_meanwhile():
+    def close_while_borrowed():
         with subscriber.borrow() as cloud:
             subscriber.close()
-            kept.extend((cloud, cloud.data))
+            borrowed.extend((cloud, cloud.data))
 
     with pytest.raises(runtime.Closed):
-        closed_meanwhile()
-    assert (kept[0].id, bytes(kept[1])) == (1, b"abc")
+        close_while_borrowed()
+    assert (borrowed[0].id, bytes(borrowed[1])) == (1, b"abc")
     with pytest.raises(runtime.Closed), subscriber.borrow():
         pass
 
 
-def test_the_writer_may_die_meanwhile(folder, topic, msg):
+def test_writer_may_die_while_its_sample_is_borrowed(folder, topic, msg):
     command = [sys.executable, "-c", WRITE, str(folder / "python"), topic]
     with (
         subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as writer,
@@ -188,7 +188,7 @@ def test_the_writer_may_die_meanwhile(folder, topic, msg):
         assert subscriber.sequence == 1
 
 
-def test_passive_ones_copy(topic, msg, pair):
+def test_passive_subscriber_refuses_to_borrow(topic, msg, pair):
     pair[0].publish(msg.Cloud())
     with (
         msg.CloudSubscriber(topic, passive=True) as watcher,
@@ -198,7 +198,7 @@ def test_passive_ones_copy(topic, msg, pair):
         pass
 
 
-def test_a_read_while_a_sample_is_lent_delivers_each_sample_once(topic):
+def test_read_while_a_sample_is_borrowed_repeats_no_sample(topic):
     with PosePublisher(topic, depth=3) as publisher, PoseSubscriber(topic, depth=3) as subscriber:
         publisher.publish(pose(1))
         with subscriber.borrow() as lent:

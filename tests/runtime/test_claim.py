@@ -1,4 +1,4 @@
-"""Who may write a topic after a PLC, to the millisecond: the clock and what the PLC does meanwhile are the test's."""
+"""A writer claims a topic after a PLC. The tests simulate the clock and the PLC's changes to the header."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .messages import PosePublisher, PoseSubscriber, pose
 
 NUMBER = 41
 STOOD_STILL = claim._STOOD_STILL
-"""Before in_time lets it never come."""
+"""The limit that the fixture in_time replaces by infinity."""
 
 
 @pytest.fixture
 def region(topic):
-    """A reader's, with a PLC as the writer."""
+    """A region of a reader, with a PLC as its writer."""
     PoseSubscriber(topic, depth=3).close()
     region = region_of(topic)
     region.words[h.WRITER] = h.PLC
@@ -33,7 +33,7 @@ def region(topic):
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Goes on only between two steps; `events` are (from when on, what happens once)."""
+    """A clock that advances 1 ms per step of a claim. `events` are pairs of a time and a function to call then."""
     clock = SimpleNamespace(now=0.0, steps=[], events=[])
 
     def monotonic():
@@ -41,7 +41,7 @@ def clock(monkeypatch):
             clock.events.pop(0)[1]()
         return clock.now
 
-    def claimed(region):
+    def claim_topic(region):
         steps = claim.claim("/topic", region)
         while True:
             try:
@@ -53,11 +53,11 @@ def clock(monkeypatch):
 
     monkeypatch.setattr(claim, "time", SimpleNamespace(monotonic=monotonic))
     monkeypatch.setattr(claim, "_STOOD_STILL", STOOD_STILL)
-    clock.claimed = claimed
+    clock.claim_topic = claim_topic
     return clock
 
 
-def says(region, word, value):
+def make_setter(region, word, value):
     return lambda: region.words.__setitem__(word, value)
 
 
@@ -68,8 +68,8 @@ def test_limits_are_those_of_the_protocol():
     assert (calls._FRESH, calls._HEARTBEAT, access.PEER_TIMEOUT) == (1.0, 0.05, 0.1)
 
 
-def test_a_plc_that_stands_still_is_watched_for_a_second_and_its_lane_is_left_to_it(region, clock):
-    assert clock.claimed(region) == (NUMBER + 1, 2, True)
+def test_stopped_plc_is_watched_for_a_second_and_keeps_its_lane(region, clock):
+    assert clock.claim_topic(region) == (NUMBER + 1, 2, True)
     assert (region.words[h.LEFT], region.words[h.TURN]) == (NUMBER + 1, 2)
     assert 1.1 <= clock.now < 1.104
     watched = clock.steps.index(claim.CONFIRM)
@@ -78,45 +78,45 @@ def test_a_plc_that_stands_still_is_watched_for_a_second_and_its_lane_is_left_to
     assert region.words[h.WRITER] == region.pid
 
 
-def test_a_plc_that_lets_go_leaves_its_numbers_too(region, clock):
-    clock.events = [(0.5, says(region, h.WRITER, 0))]
-    assert clock.claimed(region) == (NUMBER, 0, False)
+def test_claim_released_by_a_plc_skips_no_number(region, clock):
+    clock.events = [(0.5, make_setter(region, h.WRITER, 0))]
+    assert clock.claim_topic(region) == (NUMBER, 0, False)
     assert 0.5 <= clock.now < 0.504
 
 
 @pytest.mark.parametrize("word", [h.HEARTBEAT, h.WRITER])
-def test_who_moves_at_the_last_moment_is_a_writer(region, clock, word):
-    clock.events = [(0.99, says(region, word, 77))]
+def test_late_heartbeat_or_other_writer_refuses_the_claim(region, clock, word):
+    clock.events = [(0.99, make_setter(region, word, 77))]
     with pytest.raises(runtime.RegionInUse):
-        clock.claimed(region)
+        clock.claim_topic(region)
     assert 0.99 <= clock.now < 0.994
 
 
-def test_whose_name_stands_in_the_end_is_the_writer(region, clock):
-    clock.events = [(1.05, says(region, h.WRITER, h.PLC))]
+def test_plc_id_stored_while_confirming_refuses_the_claim(region, clock):
+    clock.events = [(1.05, make_setter(region, h.WRITER, h.PLC))]
     with pytest.raises(runtime.RegionInUse):
-        clock.claimed(region)
+        clock.claim_topic(region)
     assert region.words[h.WRITER] == h.PLC
 
 
-@pytest.mark.parametrize(("stop", "doubtful"), [(0.05, False), (0.0501, True)])
-def test_who_stands_still_between_look_and_name_makes_sure(region, clock, monkeypatch, stop, doubtful):
-    """The second look at the clock comes after the name."""
-    monotonic, looks = claim.time.monotonic, [0.0]
-    clock.now = stop
-    monkeypatch.setattr(claim.time, "monotonic", lambda: looks.pop() if looks else monotonic())
+@pytest.mark.parametrize(("pause", "doubtful"), [(0.05, False), (0.0501, True)])
+def test_paused_claimant_confirms_its_claim(region, clock, monkeypatch, pause, doubtful):
+    """Wait for the confirmation if more than 0.05 s pass between the check of `writer` and the store."""
+    monotonic, times = claim.time.monotonic, [0.0]
+    clock.now = pause
+    monkeypatch.setattr(claim.time, "monotonic", lambda: times.pop() if times else monotonic())
     region.words[h.WRITER] = 12345
-    assert clock.claimed(region) == ((NUMBER + 1, 2, True) if doubtful else (NUMBER, 0, False))
+    assert clock.claim_topic(region) == ((NUMBER + 1, 2, True) if doubtful else (NUMBER, 0, False))
     assert len(clock.steps) == pytest.approx(100 if doubtful else 0, abs=2)
 
 
 @pytest.mark.usefixtures("in_python")
-def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic):
+def test_topic_lost_while_copying_clears_the_slot_and_lock(topic):
     with PosePublisher(topic, depth=3) as publisher, PoseSubscriber(topic, depth=3) as subscriber:
         region, words = region_of(publisher), region_of(publisher).words
         for number in (1, 2, 3):
             publisher.publish(pose(number))
-        swap_map(publisher, says(region, h.WRITER, h.PLC))
+        swap_map(publisher, make_setter(region, h.WRITER, h.PLC))
         with pytest.raises(runtime.ClaimLost, match="taken the topic over"):
             publisher.publish(pose(4))
         assert [words[region.number_at(number)] for number in (1, 2, 3, 4)] == [1, 2, 3, 0]
@@ -125,23 +125,23 @@ def test_who_loses_the_topic_in_its_copy_voids_the_slot_and_gives_all_back(topic
         with pytest.raises(runtime.ClaimLost):
             publisher.heartbeat()
         words[h.WRITER] = 0
-        PosePublisher(topic, depth=3).close()  # the record lock is free while the loser is still open
+        PosePublisher(topic, depth=3).close()  # the record lock is free although the first publisher is open
 
 
 @pytest.mark.parametrize("use", [lambda publisher: publisher.publish(pose(2.0)), PosePublisher.heartbeat])
 @pytest.mark.usefixtures("each_engine")
-def test_who_has_lost_the_topic_writes_not_a_byte(topic, use):
-    """But that it was inside the lock."""
+def test_publisher_writes_nothing_after_it_lost_the_topic(topic, use):
+    """Change no byte of the region, except the count of lock acquisitions."""
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
         region_of(publisher).words[h.WRITER] = h.PLC
         before = bytes(region_of(publisher).map)
-        inside = 4 * h.LOCK_COUNT
+        lock_count = 4 * h.LOCK_COUNT
         with pytest.raises(runtime.ClaimLost, match="a PLC has taken the topic over"):
             use(publisher)
         after = bytes(region_of(publisher).map)
-        assert after[:inside] + after[inside + 4 :] == before[:inside] + before[inside + 4 :]
-        region_of(publisher).words[h.WRITER] = region_of(publisher).pid  # another publisher of this process has it now
+        assert after[:lock_count] + after[lock_count + 4 :] == before[:lock_count] + before[lock_count + 4 :]
+        region_of(publisher).words[h.WRITER] = region_of(publisher).pid  # now another publisher of this process
         with pytest.raises(runtime.ClaimLost):
             use(publisher)
         assert region_of(publisher).words[h.COMPLETED0] == 1

@@ -1,4 +1,4 @@
-"""The engine in C: it is what its source says, and one with the reference in Python."""
+"""The engine in C is newer than its source and behaves like the reference in Python."""
 
 from __future__ import annotations
 
@@ -42,31 +42,31 @@ KINDS = ["bool", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64",
 INNER = "".join(f"{kind} {kind}_one\n{kind}[3] {kind}_three\n{kind}[<=4] {kind}_some\n" for kind in KINDS)
 
 
-def test_it_is_not_older_than_its_source() -> None:
-    made = Path(sys.modules["shmgen._core"].__file__).stat().st_mtime
+def test_extension_is_newer_than_its_source() -> None:
+    built_at = Path(sys.modules["shmgen._core"].__file__).stat().st_mtime
     sources = [*(REPOSITORY / "src/shmgen/runtime/extension").glob("*.[ch]"), *(REPOSITORY / "templates/c").glob("*.h")]
-    assert made >= max(source.stat().st_mtime for source in sources), "pip install -e . makes it anew"
+    assert built_at >= max(source.stat().st_mtime for source in sources), "rebuild it: pip install -e ."
 
 
 @pytest.mark.slow
-def test_all_holds_without_it() -> None:
-    """What exchanges, once more in a process that does not load it."""
+def test_exchange_tests_pass_without_the_extension() -> None:
+    """Run the tests of the exchange again in a process that does not load the extension."""
     files = [f"tests/runtime/test_{name}.py" for name in ("exchange", "samples", "truncations")]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
-    pure = {**os.environ, "SHMGEN_PURE": "1"}
-    done = subprocess.run(command, cwd=REPOSITORY, env=pure, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "SHMGEN_PURE": "1"}
+    done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]
     assert "skipped" not in done.stdout
 
 
-def of_python(publishers, topic):
+def open_in_python(publishers, topic):
     with in_python():
         return publishers(f"{topic}/python")
 
 
 @pytest.fixture(scope="module")
 def kinds(tmp_path_factory):
-    """A message of all kinds of numbers, alone and in others, with its publisher and its subscriber."""
+    """A message with all types of numbers, also nested, with its publisher and its subscriber."""
     folder = tmp_path_factory.mktemp("straight")
     texts = {"Inner": INNER, "Outer": "straight_msgs/Inner one\nint8 between\nstraight_msgs/Inner two\n"}
     put({f"straight_msgs/msg/{name}.msg": text for name, text in texts.items()}, folder / "definitions")
@@ -75,19 +75,19 @@ def kinds(tmp_path_factory):
     return classes(folder, "shm_straight", TypeName("straight_msgs", "msg", "Outer"))
 
 
-def any_object(kind, value):
-    """With the fields of a message, each number made by `value`."""
+def build_object(kind, value):
+    """Return an object with the fields of a message class, each number from `value`."""
 
-    def made(step):
+    def field_value(step):
         if step.length:
             return [value(CODES[step.kind]) for _ in range(step.length)]
-        return value(CODES[step.kind]) if step.kind in CODES else any_object(step.kind, value)
+        return value(CODES[step.kind]) if step.kind in CODES else build_object(step.kind, value)
 
-    return SimpleNamespace(**{step.name: made(step) for step in kind._steps_})
+    return SimpleNamespace(**{step.name: field_value(step) for step in kind._steps_})
 
 
 def outcome(publisher, message):
-    """The message in the region, or what was raised; and that the former sample is there in that case."""
+    """Return the message in the region or the error. After an error, the former sample must remain the newest."""
     before = publisher.sequence
     try:
         publisher.publish(message)
@@ -99,21 +99,20 @@ def outcome(publisher, message):
 
 
 def newest(publisher):
-    """As text: nan is nan, and what lies behind a count is nothing."""
+    """Return the newest sample as text: nan equals nan, and elements past a count do not appear."""
     region = region_of(publisher)
-    lies = region.map[region.payload(region.find(publisher.sequence))]
-    return repr(publisher.message_type.from_buffer_copy(lies))
+    payload = region.map[region.payload(region.find(publisher.sequence))]
+    return repr(publisher.message_type.from_buffer_copy(payload))
 
 
-def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
-    """Attributes may be any code."""
+def test_attribute_may_raise_or_close_the_publisher(topic, kinds):
     kind, publishers, _ = kinds
     publisher = publishers(topic)
 
     class Interrupt(BaseException):
         pass
 
-    class Odd:
+    class Hook:
         def __init__(self, call):
             self.call = call
 
@@ -124,12 +123,12 @@ def test_an_attribute_that_is_interrupted_or_closes_the_publisher(topic, kinds):
     def interrupt():
         raise Interrupt
 
-    message = any_object(kind, lambda code: 0.0 if code in "fd" else False if code == "?" else 0)
+    message = build_object(kind, lambda code: 0.0 if code in "fd" else False if code == "?" else 0)
     publisher.publish(message)
-    message.two = Odd(interrupt)
+    message.two = Hook(interrupt)
     with pytest.raises(Interrupt):
         publisher.publish(message)
-    message.two = Odd(publisher.close)
+    message.two = Hook(publisher.close)
     with pytest.raises(runtime.Closed):
         publisher.publish(message)
 
@@ -138,11 +137,11 @@ def scan(number, data, ranges=None):
     return SimpleNamespace(id=number, ranges=ranges or [number + 0.5] * LONG, data=data, name="bow")
 
 
-def test_long_arrays_lie_where_python_puts_them(topic):
-    """Scratch around them too, and what an older and longer array has left behind a shorter one."""
+def test_long_arrays_equal_those_of_the_reference(topic):
+    """Compare also the fields around the arrays, and short arrays after a longer array."""
     view = memoryview(bytes(2 * LONG))
     own = Scan(id=9, name="stern")
-    long = [
+    messages = [
         scan(1, bytes(LONG)),
         scan(2, bytearray(b"ab")),
         scan(3, b""),
@@ -150,57 +149,57 @@ def test_long_arrays_lie_where_python_puts_them(topic):
         scan(5, view[::2]),
         own,
     ]
-    with ScanPublisher(topic) as quick, of_python(ScanPublisher, topic) as python, ScanSubscriber(topic) as reader:
-        for message in long:
-            assert outcome(quick, message) == outcome(python, message)
+    with ScanPublisher(topic) as in_c, open_in_python(ScanPublisher, topic) as python, ScanSubscriber(topic) as reader:
+        for message in messages:
+            assert outcome(in_c, message) == outcome(python, message)
             assert reader.read() is not None
-        # Too many, too long, a number that does not fit: as in Python.
+        # Numbers out of range and wrong numbers of elements raise the errors of the reference.
         for message in (scan(6, bytes(LONG + 1)), scan(7, [256]), scan(2**32, b"a"), scan(8, b"", [0.0])):
-            kind, said = outcome(quick, message)
-            assert (kind, said) == outcome(python, message)
-        healthy = region_of(quick).semaphore.value, region_of(quick).words[h.LOCK_HOLDER]
-        assert healthy == (1, 0)
+            kind, text = outcome(in_c, message)
+            assert (kind, text) == outcome(python, message)
+        lock = region_of(in_c).semaphore.value, region_of(in_c).words[h.LOCK_HOLDER]
+        assert lock == (1, 0)
 
 
-def test_nothing_of_it_stays_behind(topic, kinds):
-    """What publish and read have held is free again: 50,000 samples would be more than 2 MiB."""
+def test_publish_and_read_leak_no_memory(topic, kinds):
+    """Release all memory and references: 50,000 leaked samples would need more than 2 MiB."""
     kind, publishers, _ = kinds
-    arrays = any_object(kind, lambda code: 0.5 if code in "fd" else code == "?" or 1)
+    arrays = build_object(kind, lambda code: 0.5 if code in "fd" else code == "?" or 1)
     arrays.one.float64_three, arrays.one.uint8_some = array.array("d", [1, 2, 3]), b"abc"
     message = SimpleNamespace(position=SimpleNamespace(x=1.5, y=2.5, z=3.5), orientation=pose(0).orientation)
     scans = ScanPublisher(f"{topic}/scan")
-    more = publishers(f"{topic}/arrays")
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber, scans, more:
+    array_publisher = publishers(f"{topic}/arrays")
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber, scans, array_publisher:
 
         def exchange(times):
             for number in range(times):
                 if number % 4 == 0:
-                    more.publish(arrays)
+                    array_publisher.publish(arrays)
                 publisher.publish(message)
                 subscriber.read()
-                scans.publish(long)
+                scans.publish(long_scan)
 
-        long = Scan()
+        long_scan = Scan()
         exchange(1000)
-        held, before = (sys.getrefcount(message.position), sys.getrefcount(long)), pages()
+        references_before, pages_before = (sys.getrefcount(message.position), sys.getrefcount(long_scan)), pages()
         exchange(50_000)
-        holds, after = (sys.getrefcount(message.position), sys.getrefcount(long)), pages()
-    assert holds == held
-    assert after - before < 512
+        references_after, pages_after = (sys.getrefcount(message.position), sys.getrefcount(long_scan)), pages()
+    assert references_after == references_before
+    assert pages_after - pages_before < 512
 
 
 def pages() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1])
 
 
-def test_who_waits_may_be_closed_by_another_thread(topic):
+def test_waiting_subscriber_may_be_closed_by_another_thread(topic):
     subscriber = PoseSubscriber(topic)
     threading.Timer(0.02, subscriber.close).start()
     with pytest.raises(runtime.Closed):
         subscriber.wait(30)
 
 
-def test_a_waiting_reader_is_woken(topic):
+def test_publish_wakes_a_waiting_reader(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert subscriber.wait(0) is None
         region_of(subscriber).words[h.ARMED] = 1
@@ -208,10 +207,10 @@ def test_a_waiting_reader_is_woken(topic):
         assert (region_of(subscriber).words[h.ARMED], region_of(subscriber).words[h.BELL]) == (0, 1)
 
 
-def test_a_topic_that_another_took_over_meanwhile(topic):
+def test_publish_fails_after_another_writer_took_over(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
-        for writer in (h.PLC, os.getpid()):  # at last another publisher of this process
+        for writer in (h.PLC, os.getpid()):  # the second is another publisher of this process
             region_of(publisher).words[h.WRITER] = writer
             for message in (pose(2), SimpleNamespace(position=pose(2).position, orientation=pose(2).orientation)):
                 with pytest.raises(runtime.ClaimLost):
@@ -220,7 +219,7 @@ def test_a_topic_that_another_took_over_meanwhile(topic):
         assert region_of(publisher).semaphore.value == 1
 
 
-def test_a_mode_without_the_lock(topic):
+def test_publish_and_wait_work_without_the_lock(topic):
     class Lockless(Pose):
         _regions_ = runtime.RegionOptions(sync="sequence")
 
@@ -236,11 +235,11 @@ def test_a_mode_without_the_lock(topic):
         assert subscriber.wait(0).position.x == 1.0
 
 
-def test_an_end_without_settings_is_refused():
+def test_endpoint_without_settings_is_refused():
     for kind in (engine.Reader, engine.Writer):
-        for made in (kind, lambda kind=kind: kind.__new__(kind), lambda kind=kind: object.__new__(kind)):
+        for create in (kind, lambda kind=kind: kind.__new__(kind), lambda kind=kind: object.__new__(kind)):
             with pytest.raises(TypeError):
-                made()
+                create()
 
 
 INTERPRETERS = """
@@ -264,7 +263,7 @@ except runtime.Closed as error:
 """
 
 
-def test_errors_keep_their_texts_after_a_subinterpreter_has_ended(topic):
+def test_errors_keep_their_texts_after_a_subinterpreter_ended(topic):
     done = subprocess.run(
         [sys.executable, "-c", INTERPRETERS, topic], cwd=REPOSITORY, capture_output=True, text=True, check=False
     )
