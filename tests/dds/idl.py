@@ -1,4 +1,4 @@
-"""Message definitions as IDL with ROS 2's names, for peers that are compiled from it."""
+"""Render message definitions as IDL with ROS 2's names, from which peers are compiled."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from shmgen.core.model import Array, Clock, Element, Field, Message, Ref, Scalar, Sequence, String, TypeName
 
-SPELLED = {
+IDL_TYPES = {
     Scalar.BOOL: "boolean",
     Scalar.INT8: "octet",
     Scalar.UINT8: "octet",
@@ -19,12 +19,12 @@ SPELLED = {
     Scalar.FLOAT32: "float",
     Scalar.FLOAT64: "double",
 }
-"""As rosidl_generator_dds_idl spells them."""
+"""The IDL types that rosidl_generator_dds_idl writes."""
 TIMES = {Clock.TIME: "Time_", Clock.DURATION: "Duration_"}
 
 
 def idl(messages: Iterable[Message]) -> str:
-    """All in one file; dependencies come first."""
+    """Render all messages as one file, dependencies first."""
     parts = [
         _struct("builtin_interfaces", "msg", name, ["long sec_;", "unsigned long nanosec_;"]) for name in TIMES.values()
     ]
@@ -35,7 +35,7 @@ def idl(messages: Iterable[Message]) -> str:
 
 
 def scoped(name: TypeName) -> str:
-    """As ROS 2 calls the type in DDS."""
+    """Return ROS 2's DDS name of the type."""
     return f"{name.package}::{name.kind}::dds_::{name.name}_"
 
 
@@ -58,7 +58,7 @@ def _member(field: Field) -> str:
 def _element(type_: Element) -> str:
     match type_:
         case Scalar():
-            return SPELLED[type_]
+            return IDL_TYPES[type_]
         case Clock():
             return f"builtin_interfaces::msg::dds_::{TIMES[type_]}"
         case String(capacity, _):

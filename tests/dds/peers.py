@@ -1,4 +1,4 @@
-"""Two programs that are not ours, from message definitions: on Fast DDS and on Cyclone's C library."""
+"""Build two programs without code of shmgen from message definitions: on Fast DDS and on Cyclone's C library."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ NEEDS = {"fast": ("fastddsgen", "g++"), "cyclone": ("idlc", "gcc")}
 
 
 def missing(maker: str) -> str:
-    """What the program cannot be built for want of, or nothing."""
+    """Return the name of a build tool that is not installed, or `""`."""
     return next((tool for tool in NEEDS[maker] if not shutil.which(tool)), "")
 
 
 def build(maker: str, folder: Path, messages: Sequence[Message], topics: Sequence[TypeName]) -> Path:
-    """The program, which is built but once however many ask for it at the same time."""
+    """Build the program, only once even if several workers request it at the same time."""
     program = folder / f"{maker}_peer"
     with kept.locked(folder / f"{maker}.lock"):
         if not program.exists():
-            made = folder / maker
-            made.mkdir(exist_ok=True)
-            (made / "peer.idl").write_text(idl(messages))
-            {"fast": _fast, "cyclone": _cyclone}[maker](made, topics)
-            (made / "peer").rename(program)
+            build_folder = folder / maker
+            build_folder.mkdir(exist_ok=True)
+            (build_folder / "peer.idl").write_text(idl(messages))
+            {"fast": _fast, "cyclone": _cyclone}[maker](build_folder, topics)
+            (build_folder / "peer").rename(program)
     return program
 
 
@@ -54,13 +54,13 @@ def _cyclone(folder: Path, topics: Sequence[TypeName]) -> None:
 
 
 def _run(folder: Path, *command: str) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{command}: {done.stdout[-3000:]}{done.stderr[-3000:]}"
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, f"{command}: {result.stdout[-3000:]}{result.stderr[-3000:]}"
 
 
 @contextmanager
 def running(program: Path, *words: object) -> Iterator[Bridge]:
-    """The peer, ready; it is gone afterwards."""
+    """Start the peer, yield it when it is ready, and kill it afterwards."""
     environment = {**os.environ, "CYCLONEDDS_URI": LOOPBACK}
     command = [str(program), *map(str, words)]
     with subprocess.Popen(command, stdin=-1, stdout=-1, stderr=-2, text=True, env=environment) as process:

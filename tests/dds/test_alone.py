@@ -1,4 +1,4 @@
-"""Every end of the bridge lives and dies alone: what one topic meets, no other does, and it comes back."""
+"""Test that topics of a bridge fail and recover independently: an error of one topic does not disturb the others."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew
 from .conftest import Taken, until, wire
 
 LONGEST = 1.0
-"""Seconds that a heartbeat may stand still on a topic that nobody touched. A PLC's region is watched for 1.1 s."""
+"""Seconds that the heartbeat of an undisturbed topic may pause. The bridge watches a PLC's region for 1.1 s."""
 ENTRY = '[[topics]]\ntopic = "{topic}"\ntype = "geometry_msgs/Pose"\n{keys}\n'
 ERROR = 2
 
 
-class Cell:
-    """A bridge of topics `a` to `f` towards the PLC, `back` from it; a publisher of each, and the diagnostics."""
+class BridgeRig:
+    """A bridge with topics `a` to `f` to the PLC and `back` from it, a publisher of each, and the diagnostics."""
 
     def __init__(self, domain: Domain, graph: backend.Graph, schema: Schema, topic: str) -> None:
         self.domain, self.topic = domain, topic
@@ -59,11 +59,11 @@ class Cell:
     def writer(self, name: str) -> Publisher[Any]:
         return publisher(self.kind, f"{self.topic}/{name}", 8)
 
-    def onlooker(self, but: str) -> Onlooker:
-        return Onlooker(f"{self.topic}/{name}" for name in "abcdef" if name not in but)
+    def onlooker(self, excluded: str) -> Onlooker:
+        return Onlooker(f"{self.topic}/{name}" for name in "abcdef" if name not in excluded)
 
-    def flows(self, name: str) -> bool:
-        """Whether what ROS sends now arrives in the region."""
+    def passes(self, name: str) -> bool:
+        """Return True if a message that ROS sends now arrives in the region."""
         outlet = self.outlets[name]
         with self.reader(name) as reader:
             reader.read()
@@ -77,21 +77,21 @@ class Cell:
         return self.logged.get(f"{self.topic}/{name}", (-1, "", {}))[2]
 
     def _diagnosed(self, array: Any) -> None:
-        for one in array.status:
-            self.logged[one.name.partition(": ")[2]] = (
-                int.from_bytes(one.level, "little") if isinstance(one.level, bytes) else one.level,
-                one.message,
-                {value.key: value.value for value in one.values},
+        for status in array.status:
+            self.logged[status.name.partition(": ")[2]] = (
+                int.from_bytes(status.level, "little") if isinstance(status.level, bytes) else status.level,
+                status.message,
+                {value.key: value.value for value in status.values},
             )
 
 
 @pytest.fixture
-def six(cell: Domain, graph: backend.Graph, schema: Schema, topic: str) -> Cell:
-    made = Cell(cell, graph, schema, topic)
+def rig(cell: Domain, graph: backend.Graph, schema: Schema, topic: str) -> BridgeRig:
+    rig = BridgeRig(cell, graph, schema, topic)
     for name in "abcdef":
-        until(lambda name=name: made.flows(name))
-    time.sleep(0.5)  # so that the diagnostics know
-    return made
+        until(lambda name=name: rig.passes(name))
+    time.sleep(0.5)  # until the diagnostics are up to date
+    return rig
 
 
 def logged(bridge: Bridge, text: str) -> int:
@@ -99,85 +99,85 @@ def logged(bridge: Bridge, text: str) -> int:
 
 
 @pytest.mark.slow
-def test_a_topic_that_a_plc_takes_over_is_sought_again(six: Cell) -> None:
-    with six.onlooker("a") as looks, a_plc_writes(f"{six.topic}/a"):
-        until(lambda: six.state("a")[0] == ERROR)
+def test_topic_taken_over_by_a_plc_is_reopened_afterwards(rig: BridgeRig) -> None:
+    with rig.onlooker("a") as onlooker, a_plc_writes(f"{rig.topic}/a"):
+        until(lambda: rig.state("a")[0] == ERROR)
         for _ in range(5):
-            six.outlets["a"].send(six.outlets["a"].new())
-        until(lambda: int(six.count("a")["missed"]) == 5)
-        assert all(six.flows(name) for name in "bcdef")
+            rig.outlets["a"].send(rig.outlets["a"].new())
+        until(lambda: int(rig.count("a")["missed"]) == 5)
+        assert all(rig.passes(name) for name in "bcdef")
         time.sleep(1.5)
-        assert (six.state("a")[0], six.state("b")[0]) == (ERROR, 0)  # as long as its cause
-        assert "a PLC" in six.state("a")[1]
-    until(lambda: six.flows("a"))
-    until(lambda: six.state("a")[0] == 0)
-    assert max(looks.longest.values()) < LONGEST, looks.longest
-    assert logged(six.bridge, "has taken the topic over") <= 1
-    assert logged(six.bridge, f"{six.topic}/a: the region is open again") == 1
-    six.bridge.stop(signal.SIGTERM)
+        assert (rig.state("a")[0], rig.state("b")[0]) == (ERROR, 0)  # the error stays as long as its cause
+        assert "a PLC" in rig.state("a")[1]
+    until(lambda: rig.passes("a"))
+    until(lambda: rig.state("a")[0] == 0)
+    assert max(onlooker.longest.values()) < LONGEST, onlooker.longest
+    assert logged(rig.bridge, "has taken the topic over") <= 1
+    assert logged(rig.bridge, f"{rig.topic}/a: the region is open again") == 1
+    rig.bridge.stop(signal.SIGTERM)
 
 
 @pytest.mark.slow
-def test_a_region_that_a_plc_made_anew_holds_up_no_other(six: Cell) -> None:
-    """It is watched for 1.1 s, for nobody knows whether that PLC still runs."""
+def test_region_recreated_by_a_plc_delays_no_other_topic(rig: BridgeRig) -> None:
+    """Keep the other heartbeats going while the bridge watches that region for 1.1 s, in case the PLC still runs."""
 
-    def by_a_plc(words: memoryview) -> None:
+    def mark_as_plc(words: memoryview) -> None:
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 77
 
-    with six.onlooker("a") as looks:
+    with rig.onlooker("a") as onlooker:
         for _ in range(2):
-            made_anew(f"{six.topic}/a", by_a_plc)
-            until(lambda: six.flows("a"))
-    assert max(looks.longest.values()) < LONGEST, looks.longest
+            made_anew(f"{rig.topic}/a", mark_as_plc)
+            until(lambda: rig.passes("a"))
+    assert max(onlooker.longest.values()) < LONGEST, onlooker.longest
 
 
 @pytest.mark.slow
-def test_files_that_are_no_regions_hold_up_no_other(six: Cell) -> None:
-    strange = file_of(f"{six.topic}/strange_")
-    with six.onlooker("abcde") as looks:
+def test_files_that_are_not_regions_delay_no_other_topic(rig: BridgeRig) -> None:
+    other_file = file_of(f"{rig.topic}/strange_")
+    with rig.onlooker("abcde") as onlooker:
         for name in "abcde":
-            strange.write_bytes(b"x" * 5000)
-            strange.rename(file_of(f"{six.topic}/{name}"))
-        until(lambda: all(six.state(name)[0] == ERROR for name in "abcde"))
+            other_file.write_bytes(b"x" * 5000)
+            other_file.rename(file_of(f"{rig.topic}/{name}"))
+        until(lambda: all(rig.state(name)[0] == ERROR for name in "abcde"))
         time.sleep(1.0)
-        assert all(six.state(name)[0] == ERROR and "not a region of shmgen" in six.state(name)[1] for name in "abcde")
+        assert all(rig.state(name)[0] == ERROR and "not a region of shmgen" in rig.state(name)[1] for name in "abcde")
         for name in "abcde":
-            file_of(f"{six.topic}/{name}").unlink()
-        until(lambda: all(six.flows(name) for name in "abcde"))
-    assert looks.longest[f"{six.topic}/f"] < LONGEST
-    assert logged(six.bridge, "not a region of shmgen") == 5
+            file_of(f"{rig.topic}/{name}").unlink()
+        until(lambda: all(rig.passes(name) for name in "abcde"))
+    assert onlooker.longest[f"{rig.topic}/f"] < LONGEST
+    assert logged(rig.bridge, "not a region of shmgen") == 5
 
 
 @pytest.mark.slow
-def test_what_waits_in_a_region_that_is_removed_still_crosses(six: Cell) -> None:
-    """Nothing of what the PLC wrote is lost uncounted when it makes its region anew."""
+def test_messages_in_a_removed_region_pass_or_are_counted(rig: BridgeRig) -> None:
+    """Count each message that the PLC wrote as passed or missed, also when it recreates its region."""
     written = 0
     for _ in range(10):
-        with six.writer("back") as writer:
+        with rig.writer("back") as writer:
             for _ in range(15):
-                message = six.kind()
+                message = rig.kind()
                 message.position.x = written = written + 1
                 writer.publish(message)
                 time.sleep(0.02)
-            file_of(f"{six.topic}/back").unlink()
+            file_of(f"{rig.topic}/back").unlink()
         time.sleep(0.05)
 
     def counted() -> bool:
-        count = six.count("back")
-        return int(count["passed"]) + int(count["missed"]) == written and len(six.back) == int(count["passed"])
+        count = rig.count("back")
+        return int(count["passed"]) + int(count["missed"]) == written and len(rig.back) == int(count["passed"])
 
     until(counted)
-    assert six.back == sorted(six.back)
+    assert rig.back == sorted(rig.back)
 
 
-def test_each_message_is_in_one_counter(six: Cell) -> None:
-    """Those that pass, and those that come while another writes; see ros2/test_identity.py, rigs/soak_bridge.py."""
+def test_each_message_is_in_exactly_one_counter(rig: BridgeRig) -> None:
+    """Count messages that pass, and messages that arrive while a PLC holds the topic."""
     names = ("passed", "rejected", "missed", "refused", "lost", "rate limited")
 
     def total() -> int:
-        return sum(int(six.count("a")[name]) for name in names)
+        return sum(int(rig.count("a")[name]) for name in names)
 
-    outlet, before = six.outlets["a"], total()
+    outlet, before = rig.outlets["a"], total()
 
     def send(count: int) -> None:
         for _ in range(count):
@@ -185,64 +185,64 @@ def test_each_message_is_in_one_counter(six: Cell) -> None:
             time.sleep(0.002)
 
     send(50)
-    with a_plc_writes(f"{six.topic}/a"):
+    with a_plc_writes(f"{rig.topic}/a"):
         send(100)
-    made_anew(f"{six.topic}/a", lambda words: None)
+    made_anew(f"{rig.topic}/a", lambda words: None)
     send(50)
     until(lambda: total() - before == 200)
-    assert int(six.count("a")["missed"]) > 50
+    assert int(rig.count("a")["missed"]) > 50
 
 
 # --- SIGHUP and systemd ---------------------------------------------------------------------------------------
 
 
-def test_a_reload_changes_what_has_changed_and_nothing_else(six: Cell, graph: backend.Graph, schema: Schema) -> None:
-    before = file_of(f"{six.topic}/b").stat().st_ino
-    passed = int(six.count("b")["passed"])
-    new = ENTRY.format(topic=f"{six.topic}/new", keys="")
-    del six.entries["a"]
-    six.entries["c"] = ENTRY.format(topic=f"{six.topic}/c", keys="rate = 5")
-    (six.domain.folder / "shmgen.toml").write_text("# a comment moves all lines\n" + six.config() + new)
-    with six.onlooker("ac") as looks:
-        six.bridge.process.send_signal(signal.SIGHUP)
-        six.bridge.wait_for_line("shmgen.toml was read again: topics: 7, services: 0")
-        outlet = six.outlets["new"] = graph.publisher(wire(schema, f"{six.topic}/new", "geometry_msgs/Pose"))
-        until(lambda: six.flows("new"))
-        until(lambda: six.flows("c"))
-        assert six.flows("b")
-        assert not six.flows("a")
+def test_reload_affects_only_changed_topics(rig: BridgeRig, graph: backend.Graph, schema: Schema) -> None:
+    before = file_of(f"{rig.topic}/b").stat().st_ino
+    passed = int(rig.count("b")["passed"])
+    new = ENTRY.format(topic=f"{rig.topic}/new", keys="")
+    del rig.entries["a"]
+    rig.entries["c"] = ENTRY.format(topic=f"{rig.topic}/c", keys="rate = 5")
+    (rig.domain.folder / "shmgen.toml").write_text("# a comment moves all lines\n" + rig.config() + new)
+    with rig.onlooker("ac") as onlooker:
+        rig.bridge.process.send_signal(signal.SIGHUP)
+        rig.bridge.wait_for_line("shmgen.toml was read again: topics: 7, services: 0")
+        outlet = rig.outlets["new"] = graph.publisher(wire(schema, f"{rig.topic}/new", "geometry_msgs/Pose"))
+        until(lambda: rig.passes("new"))
+        until(lambda: rig.passes("c"))
+        assert rig.passes("b")
+        assert not rig.passes("a")
         assert outlet
-    assert max(looks.longest.values()) < LONGEST, looks.longest
-    assert file_of(f"{six.topic}/b").stat().st_ino == before
-    until(lambda: int(six.count("b")["passed"]) > passed)
-    with publisher(six.kind, f"{six.topic}/a", 1):
-        pass  # nobody else claims it any more
-    (six.domain.folder / "shmgen.toml").write_text('[[topics]]\ntopic = "/x"\ntyp = "geometry_msgs/Pose"\n')
-    six.bridge.process.send_signal(signal.SIGHUP)
-    six.bridge.wait_for_line("shmgen.toml was not reloaded: .*typ")
-    assert six.flows("b")
-    six.bridge.stop(signal.SIGTERM)
-    assert not logged(six.bridge, "Traceback")
+    assert max(onlooker.longest.values()) < LONGEST, onlooker.longest
+    assert file_of(f"{rig.topic}/b").stat().st_ino == before
+    until(lambda: int(rig.count("b")["passed"]) > passed)
+    with publisher(rig.kind, f"{rig.topic}/a", 1):
+        pass  # the bridge has released the claim
+    (rig.domain.folder / "shmgen.toml").write_text('[[topics]]\ntopic = "/x"\ntyp = "geometry_msgs/Pose"\n')
+    rig.bridge.process.send_signal(signal.SIGHUP)
+    rig.bridge.wait_for_line("shmgen.toml was not reloaded: .*typ")
+    assert rig.passes("b")
+    rig.bridge.stop(signal.SIGTERM)
+    assert not logged(rig.bridge, "Traceback")
 
 
 @pytest.mark.slow
-def test_systemd_hears_that_it_is_ready_alive_and_ending(cell: Domain, topic: str) -> None:
+def test_systemd_is_notified_of_ready_watchdog_reload_and_stop(cell: Domain, topic: str) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(address := str(cell.folder / "notify"))
         manager.settimeout(20)
         cell.environment["NOTIFY_SOCKET"] = address
         bridge = cell.bridge(ENTRY.format(topic=topic, keys=""))
 
-        def hear(wanted: str) -> list[str]:
-            heard = [manager.recv(4096).decode()]
-            while wanted not in heard[-1]:
-                heard.append(manager.recv(4096).decode())
-            return heard
+        def receive_until(text: str) -> list[str]:
+            messages = [manager.recv(4096).decode()]
+            while text not in messages[-1]:
+                messages.append(manager.recv(4096).decode())
+            return messages
 
-        assert hear("READY=1") == ["READY=1"]
-        hear("WATCHDOG=1")
+        assert receive_until("READY=1") == ["READY=1"]
+        receive_until("WATCHDOG=1")
         bridge.process.send_signal(signal.SIGHUP)
-        (reloading,) = [line for line in hear("READY=1") if "RELOADING" in line]
+        (reloading,) = [line for line in receive_until("READY=1") if "RELOADING" in line]
         assert 0 <= time.monotonic_ns() // 1000 - int(reloading.partition("MONOTONIC_USEC=")[2]) < 20e6
         bridge.stop(signal.SIGTERM)
-        hear("STOPPING=1")
+        receive_until("STOPPING=1")

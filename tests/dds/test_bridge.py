@@ -1,4 +1,4 @@
-"""`shmgen bridge` with DDS: a peer that is not ours, a PLC's program, and back; each of the three dies and returns."""
+"""Test `shmgen bridge` over DDS between an independent peer and a PLC program, also after each of them restarts."""
 
 from __future__ import annotations
 
@@ -70,13 +70,13 @@ GVL_Ros.{name}_joints_back.Msg.position[0] := GVL_Ros.{name}_joints.Msg.position
 END_PROGRAM
 """
 ANSWER = f"^took {re.escape('12.345678901 base shoulder elbow 1.5 -1.25 | 0 1')}$"
-"""What the peer said, by way of the program."""
+"""The line that the peer prints when its message returns from the PLC program."""
 TYPE = "sensor_msgs::msg::dds_::JointState_"
 
 
 @pytest.fixture
 def library(cell: Domain, topic: str) -> Path:
-    """The program over the topics of CONFIG, compiled."""
+    """The compiled PLC program for the topics of CONFIG."""
     (cell.folder / "shmgen.toml").write_text(CONFIG.format(topic=topic))
     config = load(cell.folder / "shmgen.toml", "shmgen.toml", Report())
     texts = {path: text for path, text in pipeline.generate(config, []).items() if path.endswith(".st")}
@@ -86,37 +86,37 @@ def library(cell: Domain, topic: str) -> Path:
 
 
 @pytest.mark.slow
-def test_through_a_plc_and_back(peer: Path, cell: Domain, library: Path, domain: int, topic: str) -> None:
+def test_plc_program_echoes_after_restarts(peer: Path, cell: Domain, library: Path, domain: int, topic: str) -> None:
     def start_plc() -> Bridge:
-        made = Bridge(cell.start([cell.python, "-m", "tests.softplc.task", library, "PRG_Ros", "PRG_Echo"]))
-        made.wait_for_line("^running")
-        return made
+        task = Bridge(cell.start([cell.python, "-m", "tests.softplc.task", library, "PRG_Ros", "PRG_Echo"]))
+        task.wait_for_line("^running")
+        return task
 
     tasks = [TYPE, "-", topic_name(f"{topic}/joints")]
     tasks += [TYPE, topic_name(f"{topic}/joints_back"), topic_name(f"{topic}/again")]
     bridge, plc = cell.bridge(), start_plc()
-    with running(peer, domain, "reliable", "volatile", *tasks) as theirs:
-        theirs.wait_for_line(ANSWER, 3)
+    with running(peer, domain, "reliable", "volatile", *tasks) as remote:
+        remote.wait_for_line(ANSWER, 3)
 
         bridge.kill()
-        theirs.lines.clear()
+        remote.lines.clear()
         bridge = cell.bridge()
-        theirs.wait_for_line(ANSWER, 3)
+        remote.wait_for_line(ANSWER, 3)
 
         plc.kill()
-        theirs.lines.clear()
+        remote.lines.clear()
         start_plc()
-        theirs.wait_for_line(ANSWER, 3)
-    with running(peer, domain, "reliable", "volatile", *tasks) as theirs:
-        theirs.wait_for_line(ANSWER, 3)
-        assert not [line for line in theirs.lines if line.startswith("took") and not re.match(ANSWER, line)]
+        remote.wait_for_line(ANSWER, 3)
+    with running(peer, domain, "reliable", "volatile", *tasks) as remote:
+        remote.wait_for_line(ANSWER, 3)
+        assert not [line for line in remote.lines if line.startswith("took") and not re.match(ANSWER, line)]
     assert bridge.stop(signal.SIGTERM) < PROMPTLY
     bridge.wait_for_line("/joints_back +[0-9]+ passed")
 
 
 @pytest.mark.slow
 def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> None:
-    """Python plays the PLC; our backend, in this process, the ends on rmw_cyclonedds."""
+    """Use Python as the PLC, and the dds backend in this process as the ROS client and server."""
     file = cell.folder / "msgs" / "cell_msgs" / "srv" / "Start.srv"
     file.parent.mkdir(parents=True)
     file.write_text("int32 part\nstring word\n---\nbool success\nstring message\n")
@@ -126,17 +126,17 @@ def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> N
     bridge = cell.bridge(SERVICES.format(topic=topic))
     served, called = services(Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())))
 
-    ends = {
-        "request_subscriber": end(Subscriber, served, "_Request"),
-        "reply_publisher": end(Publisher, served, "_Reply"),
+    classes = {
+        "request_subscriber": endpoint_class(Subscriber, served, "_Request"),
+        "reply_publisher": endpoint_class(Publisher, served, "_Reply"),
     }
-    server_kind = type("Server", (ServiceServer,), ends)
+    server_class = type("Server", (ServiceServer,), classes)
     stop = threading.Event()
 
     def serve() -> None:
-        with server_kind(served.entry.name) as server:
+        with server_class(served.entry.name) as server:
             while not stop.is_set():
-                server.serve(lambda asked: SimpleNamespace(success=True, message=f"{asked.word} {asked.part}"), 0.05)
+                server.serve(lambda call: SimpleNamespace(success=True, message=f"{call.word} {call.part}"), 0.05)
 
     thread = threading.Thread(target=serve)
     thread.start()
@@ -152,22 +152,22 @@ def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> N
     stop.set()
     thread.join()
 
-    graph.serve(called.wire, lambda asked, answer: setattr(answer, "message", asked.word.upper()), [].append)
-    ends = {
-        "request_publisher": end(Publisher, called, "_Request"),
-        "reply_subscriber": end(Subscriber, called, "_Reply"),
+    graph.serve(called.wire, lambda request, answer: setattr(answer, "message", request.word.upper()), [].append)
+    classes = {
+        "request_publisher": endpoint_class(Publisher, called, "_Request"),
+        "reply_subscriber": endpoint_class(Subscriber, called, "_Reply"),
     }
-    with type("Client", (ServiceClient,), ends)(called.entry.name) as plc:
+    with type("Client", (ServiceClient,), classes)(called.entry.name) as plc:
         assert plc.call(SimpleNamespace(part=3, word="stop"), LIMIT).message == "STOP"
 
 
-def end(base: Any, route: CallRoute, part: str) -> Any:
+def endpoint_class(base: Any, route: CallRoute, part: str) -> Any:
     return type("End", (base,), {"message_type": route.kinds[part]})
 
 
 @pytest.mark.slow
-def test_load(cell: Domain, topic: str) -> None:
-    """The load test of the bridge, short; `make load-bridge` is the long one."""
+def test_short_load_run_loses_no_message(cell: Domain, topic: str) -> None:
+    """Run the load test of `make load-bridge` for 3 s."""
     result = bridged(cell, topic, 3)
     assert result.run.sent == 3 * sum(RATES.values())
     assert result.lost == 0

@@ -1,4 +1,4 @@
-"""Our node in the domain: how it joins, how it leaves, and what peers do that it cannot help."""
+"""Test the bridge's DDS node: how it joins and leaves a domain, and how it handles incompatible peers."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ from shmgen.core.model import Schema
 from .conftest import Taken, until, wire
 
 
-def joined(domain: int | None, logged: list[str], arguments: tuple[str, ...] = ()) -> backend.Graph:
+def connect_graph(domain: int | None, logged: list[str], arguments: tuple[str, ...] = ()) -> backend.Graph:
     return backend.connect(Node("shmgen_test", domain, logged.append, lambda: False, arguments, largest=2**20))
 
 
 @pytest.mark.parametrize("text", ["x", "-1", "233", "1.5"])
-def test_no_such_domain(monkeypatch: pytest.MonkeyPatch, logged: list[str], text: str) -> None:
+def test_invalid_domain_is_rejected(monkeypatch: pytest.MonkeyPatch, logged: list[str], text: str) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(ValueError, match=f"from 0 to 232, not '{text}' as ROS_DOMAIN_ID says"):
-        joined(None, logged)
+        connect_graph(None, logged)
 
 
-def test_no_network(monkeypatch: pytest.MonkeyPatch, logged: list[str], domain: int) -> None:
+def test_missing_network_interface_is_reported(monkeypatch: pytest.MonkeyPatch, logged: list[str], domain: int) -> None:
     nowhere = '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="nowhere0"/></Interfaces></General>'
     monkeypatch.setenv("CYCLONEDDS_URI", f"{nowhere}</Domain></CycloneDDS>")
     with pytest.raises(ValueError, match=f"cannot join domain {domain + 100}"):
-        joined(domain + 100, logged)
+        connect_graph(domain + 100, logged)
     assert any(line.startswith("dds: Cyclone: nowhere0: ") for line in logged), logged
 
 
-def test_a_callback_that_raises_is_logged_and_the_next_line_is_read() -> None:
+def test_error_of_a_callback_is_logged_and_the_next_line_is_read() -> None:
     logged: Queue[str] = Queue()
     dropped, libc = Dropped(logged.put), ctypes.CDLL(None)
     dropped.calls["rt/pose"] = divmod, divmod  # type: ignore[assignment]  # raises TypeError for one argument
@@ -59,74 +59,74 @@ def test_a_callback_that_raises_is_logged_and_the_next_line_is_read() -> None:
     assert logged.get(timeout=20) == "dds: Cyclone: the next line"
 
 
-def test_domains_are_apart(graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]) -> None:
-    there = wire(schema, topic, "std_msgs/String")
-    other = joined(domain % 100 + 1 if domain != 100 else 50, logged)
-    came: list[Any] = []
-    other.subscribe(there, Taken(came.append))
-    outlet = graph.publisher(there)
+def test_domains_are_separate(graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]) -> None:
+    string_wire = wire(schema, topic, "std_msgs/String")
+    other = connect_graph(domain % 100 + 1 if domain != 100 else 50, logged)
+    received: list[Any] = []
+    other.subscribe(string_wire, Taken(received.append))
+    outlet = graph.publisher(string_wire)
     for _ in range(5):
         outlet.send(outlet.new())
         time.sleep(0.1)
     other.close()
-    assert came == []
+    assert received == []
 
 
-def test_leaving_takes_no_time_and_no_thread_stays(
+def test_close_is_prompt_and_leaves_no_thread(
     graph: backend.Graph, schema: Schema, topic: str, logged: list[str]
 ) -> None:
-    there = wire(schema, topic, "std_msgs/String")
-    outlet = graph.publisher(there)
-    other = joined(None, logged)
+    string_wire = wire(schema, topic, "std_msgs/String")
+    outlet = graph.publisher(string_wire)
+    other = connect_graph(None, logged)
     before = threading.active_count()
-    came: Queue[Any] = Queue()
+    received: Queue[Any] = Queue()
     for _ in range(10):
-        other.subscribe(there, Taken(came.put))
-    until(lambda: outlet.send(outlet.new()) or came.qsize() >= 10)
-    assert threading.active_count() == before + 1, "one for all topics"
-    begun = time.monotonic()
+        other.subscribe(string_wire, Taken(received.put))
+    until(lambda: outlet.send(outlet.new()) or received.qsize() >= 10)
+    assert threading.active_count() == before + 1, "one thread for all topics"
+    started_at = time.monotonic()
     other.close()
-    assert time.monotonic() - begun < 5
+    assert time.monotonic() - started_at < 5
     assert threading.active_count() == before
-    outlet.send(outlet.new())  # nobody listens; nobody minds
+    outlet.send(outlet.new())  # sending without a subscriber raises nothing
 
 
-def test_a_callback_that_waits_does_not_hold_up_the_end(
+def test_blocked_callback_does_not_delay_close(
     graph: backend.Graph, schema: Schema, topic: str, logged: list[str]
 ) -> None:
-    there = wire(schema, topic, "std_msgs/String")
-    outlet = graph.publisher(there)
-    other = joined(None, logged)
+    string_wire = wire(schema, topic, "std_msgs/String")
+    outlet = graph.publisher(string_wire)
+    other = connect_graph(None, logged)
     inside, go = threading.Event(), threading.Event()
-    other.subscribe(there, Taken(lambda message: (inside.set(), go.wait(10))))
+    other.subscribe(string_wire, Taken(lambda message: (inside.set(), go.wait(10))))
     until(lambda: outlet.send(outlet.new()) or inside.is_set())
-    begun = time.monotonic()
+    started_at = time.monotonic()
     other.close()
-    assert time.monotonic() - begun < 5
+    assert time.monotonic() - started_at < 5
     go.set()
 
 
-def test_what_a_callback_raises_is_told_once(
+def test_repeated_error_of_a_callback_is_logged_once(
     graph: backend.Graph, schema: Schema, topic: str, logged: list[str]
 ) -> None:
-    there = wire(schema, topic, "std_msgs/String")
-    came: Queue[Any] = Queue()
+    string_wire = wire(schema, topic, "std_msgs/String")
+    received: Queue[Any] = Queue()
 
     def callback(message: Any) -> None:
-        came.put(message)
+        received.put(message)
         raise RuntimeError("of ours")
 
-    graph.subscribe(there, Taken(callback))
-    outlet = graph.publisher(there)
-    until(lambda: outlet.send(outlet.new()) or came.qsize() >= 3)
+    graph.subscribe(string_wire, Taken(callback))
+    outlet = graph.publisher(string_wire)
+    until(lambda: outlet.send(outlet.new()) or received.qsize() >= 3)
     assert logged == [f"rt{topic}: RuntimeError: of ours"]
 
 
-def test_a_peer_with_another_definition(graph: backend.Graph, schema: Schema, topic: str, logged: list[str]) -> None:
-    """A subscriber is logged. A message of a publisher is refused, also if Cyclone itself drops it."""
-    ours, back = (wire(schema, name, "std_msgs/String") for name in (topic, f"{topic}_back"))
+def test_another_definition_is_refused(graph: backend.Graph, schema: Schema, topic: str, logged: list[str]) -> None:
+    """Log a subscriber. Refuse a publisher's message, also if Cyclone itself drops it."""
+    ours, back_wire = (wire(schema, name, "std_msgs/String") for name in (topic, f"{topic}_back"))
     kind, other = structure(ours.messages), quality(qos.Qos(True, False), 1, f"typehash=RIHS01_{'1' * 64};")
-    graph.publisher(back)
+    graph.publisher(back_wire)
     reader = graph._ends.reader(f"rt{topic}_back", kind, other)
     until(lambda: any(line.startswith(f"{topic}_back: a peer has another std_msgs/String") for line in logged), 20)
     sink = Taken(lambda message: None)
@@ -139,10 +139,10 @@ def test_a_peer_with_another_definition(graph: backend.Graph, schema: Schema, to
     del reader, writer
 
 
-def test_text_that_is_no_utf8(graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]) -> None:
-    """As a Latin-1 peer sends it: logged, and the next message passes."""
-    came: Queue[Any] = Queue()
-    graph.subscribe(wire(schema, topic, "std_msgs/String"), Taken(came.put, logged))
+def test_non_utf8_is_logged(graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]) -> None:
+    """Log Latin-1 text of a peer, and pass the next message."""
+    received: Queue[Any] = Queue()
+    graph.subscribe(wire(schema, topic, "std_msgs/String"), Taken(received.put, logged))
     kind: Any = make_idl_struct("String", "std_msgs::msg::dds_::String_", {"data_": str})
     participant = DomainParticipant(domain)
     reliable = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
@@ -151,15 +151,15 @@ def test_text_that_is_no_utf8(graph: backend.Graph, domain: int, schema: Schema,
     until(writer.get_matched_subscriptions)
     for text in "üa":
         writer.write(kind(text))
-    assert came.get(timeout=5).data == "a"
+    assert received.get(timeout=5).data == "a"
     assert logged[0] == f"{topic}: a peer announces no type hash; its std_msgs/String is assumed to be the same"
     assert "Could not deserialize 'std_msgs/msg/String'" in logged[1]
 
 
-def test_what_two_peers_say_at_once_is_not_mixed(
+def test_user_data_of_two_peers_is_not_mixed(
     graph: backend.Graph, schema: Schema, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Cyclone's Python has one place for what any peer says: a good client was taken for a stranger, its call lost."""
+    """Guard against Cyclone's shared buffer, which once mixed two peers' user data so that a valid call was lost."""
     ends, kind = graph._ends, structure(wire(schema, topic, "std_msgs/String").messages)
     qualities = [quality(qos.Qos(True, False), 1, f"who={number};") for number in range(2)]
     writers = [ends.writer(f"rt{topic}{number}", kind, qos) for number, qos in enumerate(qualities)]
@@ -167,46 +167,46 @@ def test_what_two_peers_say_at_once_is_not_mixed(
     until(lambda: all(matches(reader) for reader in readers))
     read, both = _CQos._get_userdata, threading.Barrier(2)
 
-    def slowly(*words: Any) -> Any:
-        found = read(*words)
-        with suppress(threading.BrokenBarrierError):  # the other one waits until we are done
+    def read_slowly(*arguments: Any) -> Any:
+        result = read(*arguments)
+        with suppress(threading.BrokenBarrierError):  # the other thread waits until this call is done
             both.wait(0.2)
-        return found
+        return result
 
-    monkeypatch.setattr(_CQos, "_get_userdata", slowly)
+    monkeypatch.setattr(_CQos, "_get_userdata", read_slowly)
     with ThreadPoolExecutor() as threads:
-        said = threads.map(lambda reader: user_data_of(reader, *matches(reader)), readers)
-        assert [words[0] for words in said] == ["who=0", "who=1"]
+        user_data = threads.map(lambda reader: user_data_of(reader, *matches(reader)), readers)
+        assert [items[0] for items in user_data] == ["who=0", "who=1"]
 
 
-def test_a_queue_that_ran_over_is_told(graph: backend.Graph, schema: Schema, topic: str) -> None:
-    """Cyclone does not say what its history has overwritten, nor how much."""
-    there = wire(schema, topic, "std_msgs/String")
-    inside, go, came = threading.Event(), threading.Event(), []
+def test_queue_overflow_is_reported(graph: backend.Graph, schema: Schema, topic: str) -> None:
+    """Report an overflow as one loss, because Cyclone does not count the samples that its history overwrote."""
+    string_wire = wire(schema, topic, "std_msgs/String")
+    inside, go, received = threading.Event(), threading.Event(), []
 
     def callback(message: Any) -> None:
-        came.append(message)
+        received.append(message)
         inside.set()
         go.wait(60)
 
     sink = Taken(callback)
-    graph.subscribe(there, sink)
-    outlet = graph.publisher(there)
+    graph.subscribe(string_wire, sink)
+    outlet = graph.publisher(string_wire)
     message = outlet.new()
     until(lambda: outlet.send(message) or inside.is_set())
-    for _ in range(there.queue + 10):
+    for _ in range(string_wire.queue + 10):
         outlet.send(message)
     assert not sink.lost
     go.set()
-    until(lambda: len(came) > there.queue, 20)
+    until(lambda: len(received) > string_wire.queue, 20)
     assert sink.lost == 1
     outlet.send(message)
-    until(lambda: len(came) > there.queue + 1, 20)
+    until(lambda: len(received) > string_wire.queue + 1, 20)
     assert sink.lost == 1
 
 
-def test_who_came_and_went_is_forgotten() -> None:
-    """A bridge runs for years, and each `ros2 service call` is one more client."""
+def test_oldest_peers_are_forgotten() -> None:
+    """Bound the memory of a bridge that runs for years: each `ros2 service call` is a new client."""
     known: dict[int, str] = {}
     for handle in range(5000):
         remember_bounded(known, handle, "")

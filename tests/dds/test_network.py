@@ -1,4 +1,4 @@
-"""Who hears us and whom we hear: ROS 2's environment, two machines of which one is ours, and messages of any size."""
+"""Test discovery between two machines by ROS 2's environment variables, and the limits on message sizes and queues."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from .conftest import wire
 
 RANGE, ONLY, PEERS = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS"
 OUTSIDE = "10.97.0.2"
-"""The other machine; ours is 10.97.0.1."""
+"""The address of the other machine; this machine has 10.97.0.1."""
 
-# What is said, and who is then found of one process on this machine and one on another in the same subnet.
-FOUND = {
+# The environment, and the visible peers: `inside` runs on this machine, `outside` on another one in the same subnet.
+DISCOVERY = {
     "nothing": ({}, {"inside", "outside"}),
     "SUBNET": ({RANGE: "SUBNET"}, {"inside", "outside"}),
     "SYSTEM_DEFAULT": ({RANGE: "SYSTEM_DEFAULT"}, {"inside", "outside"}),
@@ -41,7 +41,7 @@ FOUND = {
     "OFF and a peer": ({RANGE: "OFF", PEERS: OUTSIDE}, set()),
 }
 
-# Two network namespaces with a wire between them; in each a process that looks for all others, by all means.
+# Connect two network namespaces by a virtual cable. In each, a process searches for all others on every interface.
 SCRIPT = """
 import json, os, subprocess, sys, time
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant
@@ -97,7 +97,7 @@ else:
         settled = None
         for seen in names(graph._ends.participant):
             if wanted <= seen and settled is None:
-                settled = time.monotonic() + 3  # so long for one who must not come
+                settled = time.monotonic() + 3  # time for a peer that must stay invisible
             if time.monotonic() > (settled or deadline):
                 break
         with open("/proc/net/udp") as table:
@@ -114,44 +114,44 @@ else:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.geteuid() != 0, reason="makes network namespaces")
-@pytest.mark.parametrize("said", FOUND)
-def test_who_is_found(tmp_path: Path, said: str) -> None:
-    able = ["unshare", "-n", "ip", "link", "add", "name", "ours", "type", "veth", "peer", "name", "theirs"]
-    if not (shutil.which("unshare") and shutil.which("ip")) or subprocess.run(able, capture_output=True).returncode:
+@pytest.mark.skipif(os.geteuid() != 0, reason="requires root to create network namespaces")
+@pytest.mark.parametrize("case", DISCOVERY)
+def test_environment_decides_the_visible_peers(tmp_path: Path, case: str) -> None:
+    probe = ["unshare", "-n", "ip", "link", "add", "name", "ours", "type", "veth", "peer", "name", "theirs"]
+    if not (shutil.which("unshare") and shutil.which("ip")) or subprocess.run(probe, capture_output=True).returncode:
         pytest.skip("no namespaces, or no ip, here")
-    environment, wanted = FOUND[said]
+    environment, expected = DISCOVERY[case]
     script = tmp_path / "two_machines.py"
     script.write_text(SCRIPT)
-    command = ["unshare", "-n", sys.executable, str(script), "ours", json.dumps(sorted(wanted))]
+    command = ["unshare", "-n", sys.executable, str(script), "ours", json.dumps(sorted(expected))]
     clean = {name: value for name, value in os.environ.items() if name not in (RANGE, ONLY, PEERS, "CYCLONEDDS_URI")}
     fast = "<CycloneDDS><Domain><Discovery><SPDPInterval>500ms</SPDPInterval></Discovery></Domain></CycloneDDS>"
     clean |= environment | {"CYCLONEDDS_URI": fast, "PYTHONPATH": str(REPOSITORY / "src")}
-    done = subprocess.run(command, capture_output=True, text=True, env=clean, timeout=60, check=False)
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout.splitlines()[-1])
-    assert set(result["seen"]) == wanted
-    assert {name for name, seen in result["seen by"].items() if "ours" in seen} == wanted
+    process = subprocess.run(command, capture_output=True, text=True, env=clean, timeout=60, check=False)
+    assert process.returncode == 0, process.stderr
+    result = json.loads(process.stdout.splitlines()[-1])
+    assert set(result["seen"]) == expected
+    assert {name for name, seen in result["seen by"].items() if "ours" in seen} == expected
     if importlib.util.find_spec("shmgen_fastdds"):
-        services = wanted if environment else set()  # else nothing but CYCLONEDDS_URI has bounds
+        services = expected if environment else set()  # without these variables, only CYCLONEDDS_URI limits discovery
         assert {name for name, seen in result["seen by"].items() if "ours_services" in seen} == services
-    if wanted == {"inside"}:
-        assert result["dropped"] > 0  # what the other machine has sent us all the while
+    if expected == {"inside"}:
+        assert result["dropped"] > 0  # packets that the other machine sent
         assert "dds: only this machine is reachable" in result["notes"]
 
 
-def test_what_is_said_of_what_counts_for_nothing() -> None:
+def test_ignored_discovery_variables_are_noted() -> None:
     assert network({}, LARGEST).notes == ()
-    before, only = network({ONLY: "1", PEERS: "x"}, LARGEST).notes
-    assert (before.startswith("ROS_LOCALHOST_ONLY is 1: "), only) == (True, "only this machine is reachable")
+    deprecated, only = network({ONLY: "1", PEERS: "x"}, LARGEST).notes
+    assert (deprecated.startswith("ROS_LOCALHOST_ONLY is 1: "), only) == (True, "only this machine is reachable")
     wrong, only = network({RANGE: "subnet"}, LARGEST).notes
     assert "'subnet', none of OFF, LOCALHOST, SUBNET, SYSTEM_DEFAULT" in wrong
     assert network({RANGE: "SYSTEM_DEFAULT", PEERS: "x"}, LARGEST).notes[0].startswith("ROS_STATIC_PEERS is ignored")
     assert "<Peer address='&lt;\"'/>" in network({PEERS: '<"'}, LARGEST).config
 
 
-def test_what_may_wait_has_a_bound(schema: Schema) -> None:
-    small, image = (replace(wire(schema, "/a", "std_msgs/String"), sample_size=room) for room in (81, 4 << 20))
+def test_queue_size_is_bounded(schema: Schema) -> None:
+    small, image = (replace(wire(schema, "/a", "std_msgs/String"), sample_size=size) for size in (81, 4 << 20))
     assert (small.largest, small.queue) == (LARGEST, 1000)
     assert (image.largest, image.queue) == (16 << 20, 4)
     assert replace(image, depth=16).queue == 16
@@ -180,15 +180,15 @@ for size in (48 << 20, 48 << 20, 60_000, 48 << 20, 50):
 
 
 @pytest.mark.slow
-def test_what_is_too_large_is_not_even_received(cell: Domain, domain: int, topic: str) -> None:
-    """A real peer sends 48 MiB for a region of 81 bytes, three times; what fits comes through all the same."""
+def test_far_too_large_message_is_not_received(cell: Domain, domain: int, topic: str) -> None:
+    """Reject three messages of 48 MiB for a region of 81 bytes, and pass the message that fits."""
     bridge = cell.bridge(f'[[topics]]\ntopic = "{topic}"\ntype = "std_msgs/String"\n')
 
-    def high() -> int:
+    def peak_memory() -> int:
         status = Path(f"/proc/{bridge.process.pid}/status").read_text()
         return int(status.split("VmHWM:")[1].split()[0])
 
-    before = high()
+    before = peak_memory()
     command = [cell.python, "-c", FLOOD, str(domain), f"rt{topic}"]
     flood = cell.start(command, {"CYCLONEDDS_URI": LOOPBACK})
     assert flood.wait(60) == 0
@@ -196,7 +196,7 @@ def test_what_is_too_large_is_not_even_received(cell: Domain, domain: int, topic
     bridge.process.send_signal(signal.SIGUSR1)
     bridge.wait_for_line(f"{topic} +1 passed, 4 rejected")
     assert not [line for line in bridge.lines if line[0].isdigit()], "peers begin no line"
-    assert high() - before < 16 * 1024  # KiB; a single one of these has three times that
+    assert peak_memory() - before < 16 * 1024  # KiB; one of the large messages has three times as many
 
 
 JOINS = """
@@ -208,11 +208,11 @@ time.sleep(1)
 """
 
 
-def test_what_cyclone_says_begins_no_line_of_the_log(cell: Domain, domain: int) -> None:
-    """Its lines have names in them that peers chose; here it hears of itself more than it is allowed to."""
+def test_log_lines_of_cyclone_have_a_prefix(cell: Domain, domain: int) -> None:
+    """Log Cyclone's lines with a prefix: they may contain names that peers chose. A 100-byte limit provokes some."""
     small = "<CycloneDDS><Domain><Internal><MaxSampleSize>100B</MaxSampleSize></Internal></Domain></CycloneDDS>"
-    joins = cell.start([cell.python, "-c", JOINS, str(domain)], {"CYCLONEDDS_URI": f"{LOOPBACK},{small}"}, stderr=-2)
-    said = joins.communicate(timeout=60)[0].splitlines()
-    assert joins.returncode == 0
-    assert any(line.startswith("dds: Cyclone: dropping oversize ") for line in said), said
-    assert all(line.startswith("dds: ") for line in said), said
+    node = cell.start([cell.python, "-c", JOINS, str(domain)], {"CYCLONEDDS_URI": f"{LOOPBACK},{small}"}, stderr=-2)
+    lines = node.communicate(timeout=60)[0].splitlines()
+    assert node.returncode == 0
+    assert any(line.startswith("dds: Cyclone: dropping oversize ") for line in lines), lines
+    assert all(line.startswith("dds: ") for line in lines), lines

@@ -1,4 +1,4 @@
-"""The whole Jazzy store: Cyclone's own writer, our backend, a region, our backend, Cyclone's own reader; unchanged."""
+"""Pass every message type of Jazzy from Cyclone's writer through the backend and a region to Cyclone's reader."""
 
 from __future__ import annotations
 
@@ -33,46 +33,46 @@ RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(4))
-def test_every_message_passes_through_dds_and_a_region(
-    graph: backend.Graph, domain: int, topic: str, part: int
-) -> None:
-    everything = [str(entry.name) for entry in pipeline.inventory(Config(Path.cwd())) if entry.name.kind == "msg"]
-    assert len(everything) == 162
-    names = everything[part::4]
-    drawn, schema = values(names), pipeline.read(Config(Path.cwd()), names)
+def test_every_message_type_passes_dds_and_a_region(graph: backend.Graph, domain: int, topic: str, part: int) -> None:
+    all_names = [str(entry.name) for entry in pipeline.inventory(Config(Path.cwd())) if entry.name.kind == "msg"]
+    assert len(all_names) == 162
+    names = all_names[part::4]
+    random_values, schema = values(names), pipeline.read(Config(Path.cwd()), names)
     participant = DomainParticipant(domain)
     for number, name in enumerate(sorted(schema.requested)):
         messages = closure(schema, name)
-        there, back = Wire(f"{topic}/there{number}", messages), Wire(f"{topic}/back{number}", messages)
-        ours, came = Queue[Any](), Queue[Any]()
-        graph.subscribe(there, Taken(ours.put))
-        outlet = graph.publisher(back)
-        theirs = plainly(messages)
-        writer = DataWriter(participant, Topic(participant, topic_name(there.name), theirs), RELIABLE)
-        reader = DataReader(participant, Topic(participant, topic_name(back.name), theirs), RELIABLE)
-        kind = drawn.kinds[str(name)]
-        with publisher(kind, there.name, 1) as region, subscriber(kind, there.name, 1) as plc:
+        to_plc, from_plc = Wire(f"{topic}/there{number}", messages), Wire(f"{topic}/back{number}", messages)
+        decoded, received = Queue[Any](), Queue[Any]()
+        graph.subscribe(to_plc, Taken(decoded.put))
+        outlet = graph.publisher(from_plc)
+        cyclone_type = cyclone_class(messages)
+        writer = DataWriter(participant, Topic(participant, topic_name(to_plc.name), cyclone_type), RELIABLE)
+        reader = DataReader(participant, Topic(participant, topic_name(from_plc.name), cyclone_type), RELIABLE)
+        kind = random_values.kinds[str(name)]
+        with publisher(kind, to_plc.name, 1) as region, subscriber(kind, to_plc.name, 1) as plc:
             for seed in range(2):
-                wanted = plain(random_message(drawn.layouts[name], drawn.layouts, random.Random(f"{name}{seed}")))
-                sent = as_structure(theirs, wanted)
+                expected = plain(
+                    random_message(random_values.layouts[name], random_values.layouts, random.Random(f"{name}{seed}"))
+                )
+                sent = as_structure(cyclone_type, expected)
                 writer.write(sent)
-                region.publish(ours.get(timeout=5))
+                region.publish(decoded.get(timeout=5))
                 message = outlet.new()
                 assert plc.read_into(message)
                 outlet.send(message)
                 assert as_plain(reader.take_one(timeout=5 * 10**9)) == as_plain(sent), name
-        assert came.empty()
+        assert received.empty()
 
 
-def plainly(messages: tuple[Message, ...]) -> type[Any]:
-    """The structure with Cyclone's own codec, in Python and none of ours."""
+def cyclone_class(messages: tuple[Message, ...]) -> type[Any]:
+    """Return the structure with Cyclone's Python codec instead of shmgen's."""
     kind: type[Any] = structure.__wrapped__(messages)
     del kind.serialize, kind.deserialize
     return kind
 
 
 def as_structure(kind: Any, value: Any) -> Any:
-    """Of the type that a structure's annotation says."""
+    """Convert the value to the type in a structure's annotation."""
     if isinstance(kind, type) and issubclass(kind, IdlStruct):
         fields = kind.__annotations__
         if list(fields) == ["structure_needs_at_least_one_member_"]:
@@ -85,7 +85,7 @@ def as_structure(kind: Any, value: Any) -> Any:
 
 
 def as_plain(value: Any) -> Any:
-    """As dicts, lists and numbers."""
+    """Convert the value to dicts, lists and numbers."""
     if isinstance(value, IdlStruct):
         names = [name for name in type(value).__annotations__ if not name.startswith("structure_needs")]
         return {name.removesuffix("_"): as_plain(getattr(value, name)) for name in names}

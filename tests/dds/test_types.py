@@ -1,4 +1,4 @@
-"""The description of a type that DDS gets, and its bytes, compared with values from elsewhere."""
+"""Compare the DDS description of a type and the encoded bytes with reference values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HASHES = {
     "std_msgs/Empty": "20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312",
     "std_msgs/String": "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
 }
-"""As Jazzy itself computes them."""
+"""The hashes that ROS 2 Jazzy computes."""
 
 
 def messages(request: str, folder: Path | None = None) -> tuple[Message, ...]:
@@ -35,7 +35,7 @@ def test_type_hash(request_: str, hash_: str) -> None:
     assert cdr.codec(messages(request_)).type_hash == f"RIHS01_{hash_}"
 
 
-def test_names() -> None:
+def test_dds_names_of_types_and_topics() -> None:
     assert types.type_name(TypeName("std_srvs", "srv", "SetBool_Request")) == "std_srvs::srv::dds_::SetBool_Request_"
     assert types.topic_name("/robot/pose") == "rt/robot/pose"
     assert types.request_name("/robot/stop") == "rq/robot/stopRequest"
@@ -43,7 +43,7 @@ def test_names() -> None:
 
 
 def test_bytes_of_a_header() -> None:
-    """Counted by hand: encapsulation, seconds, nanoseconds, five characters of text with their NUL."""
+    """Compare with bytes written by hand: encapsulation, seconds, nanoseconds, five bytes of text with their NUL."""
     codec = cdr.codec(messages("std_msgs/Header"))
     header = codec.new()
     header.stamp.sec, header.stamp.nanosec, header.frame_id = -1, 2, "mäp"
@@ -55,7 +55,7 @@ def test_bytes_of_a_header() -> None:
 
 
 def test_bytes_of_wide_strings(tmp_path: Path) -> None:
-    """Counted by hand: encapsulation, the number of units, these with four bytes each, or with two."""
+    """Compare with bytes written by hand: encapsulation, the number of units, the units of four or two bytes."""
     file = tmp_path / "cell_msgs" / "msg" / "Wide.msg"
     file.parent.mkdir(parents=True)
     file.write_text("wstring word\nuint8 last\nwstring[2] words\n")
@@ -76,20 +76,20 @@ def test_bytes_of_wide_strings(tmp_path: Path) -> None:
                 with pytest.raises(ValueError, match="utf-16"):
                     codec.decode(bytes.fromhex(wire))
                 continue
-            found = codec.decode(bytes.fromhex(wire) + bytes(8))  # Fast DDS leaves room behind
-            assert (found.word, found.last, found.words) == ("aé", 7, ["z", ""])
+            decoded = codec.decode(bytes.fromhex(wire) + bytes(8))  # Fast DDS appends padding
+            assert (decoded.word, decoded.last, decoded.words) == ("aé", 7, ["z", ""])
         if second:
-            assert codec.encode(found) == bytes.fromhex(little)
+            assert codec.encode(decoded) == bytes.fromhex(little)
     codec = cdr.codec(definitions)
-    made = codec.new()
-    made.word, made.last, made.words = "aé", 7, ["\N{ROBOT FACE}", ""]
+    message = codec.new()
+    message.word, message.last, message.words = "aé", 7, ["\N{ROBOT FACE}", ""]
     wire = "00010000 02000000 61000000 e9000000 07 000000 02000000 3ed80000 16dd0000 00000000"
-    assert codec.encode(made) == bytes.fromhex(wire)
-    assert codec.decode(bytes.fromhex(wire)) == made
+    assert codec.encode(message) == bytes.fromhex(wire)
+    assert codec.decode(bytes.fromhex(wire)) == message
 
 
 @pytest.mark.parametrize("bytes_", [b"", bytes(4), bytes.fromhex("00010000 ffffffff 02000000 05000000 6dc3")])
-def test_bytes_cut_short(bytes_: bytes) -> None:
+def test_truncated_bytes_raise_an_error(bytes_: bytes) -> None:
     with pytest.raises(ValueError, match=r"Header|encapsulation|string length"):
         cdr.codec(messages("std_msgs/Header")).decode(bytes_)
 
@@ -114,15 +114,15 @@ def test_elements_may_be_of_any_class(positions: Any) -> None:
 
 
 @pytest.mark.parametrize("request_", ["sensor_msgs/Imu", "diagnostic_msgs/DiagnosticStatus"])
-def test_what_needs_no_conversion_gets_none(request_: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its bytes would be the same, but each field would be gone through."""
+def test_encoding_skips_unneeded_conversion(request_: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Encode without `_converted`, which would visit each field and give the same bytes."""
     codec = cdr.codec(messages(request_))
     monkeypatch.delattr(cdr, "_converted")
     assert codec.encode(codec.new())
 
 
-def test_elements_without_fields(tmp_path: Path) -> None:
-    """Each is one byte on the wire, of which their class knows nothing."""
+def test_elements_without_fields_are_one_byte_each(tmp_path: Path) -> None:
+    """Encode each as one byte, although its class has no field."""
     file = tmp_path / "cell_msgs" / "msg" / "Ticks.msg"
     file.parent.mkdir(parents=True)
     file.write_text("std_msgs/Empty[] ticks\n")
@@ -136,7 +136,7 @@ def test_elements_without_fields(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("field", ["wstring word", "wstring<=5[3] word", "wstring[] word"])
-def test_no_wide_strings(tmp_path: Path, field: str) -> None:
+def test_wide_strings_are_rejected(tmp_path: Path, field: str) -> None:
     file = tmp_path / "cell_msgs" / "msg" / "Wide.msg"
     file.parent.mkdir(parents=True)
     file.write_text(field)
@@ -144,7 +144,7 @@ def test_no_wide_strings(tmp_path: Path, field: str) -> None:
         types.structure(messages("cell_msgs/Wide", tmp_path))
 
 
-def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:
+def test_large_bound_and_reserved_names_are_encoded(tmp_path: Path) -> None:
     file = tmp_path / "cell_msgs" / "msg" / "Odd.msg"
     file.parent.mkdir(parents=True)
     file.write_text("uint8[<=100000] data\nfloat64 from\nbyte[2] class\nchar c\nstring<=4 s\nbool[<=3] flags\n")
@@ -153,13 +153,13 @@ def test_a_large_bound_and_awkward_names(tmp_path: Path) -> None:
     kind.__idl__.populate()
     kind.__idl__.fill_type_data()
     codec = cdr.codec(definitions)
-    odd = codec.new()
-    odd.from_ = 1.25
-    again = codec.decode(codec.encode(odd))
-    assert (again.from_, list(again.class_), again.c) == (1.25, [0, 0], 0)
+    message = codec.new()
+    message.from_ = 1.25
+    decoded = codec.decode(codec.encode(message))
+    assert (decoded.from_, list(decoded.class_), decoded.c) == (1.25, [0, 0], 0)
 
 
-def test_a_new_message_holds_nothing(tmp_path: Path) -> None:
+def test_new_message_has_zero_and_empty_fields(tmp_path: Path) -> None:
     file = tmp_path / "cell_msgs" / "msg" / "All.msg"
     file.parent.mkdir(parents=True)
     file.write_text(
@@ -172,9 +172,9 @@ def test_a_new_message_holds_nothing(tmp_path: Path) -> None:
     assert ([inner.data for inner in new.inner], new.none) == ([False], [])
 
 
-def test_new_messages_share_nothing() -> None:
+def test_new_messages_share_no_data() -> None:
     codec = cdr.codec(messages("sensor_msgs/Imu"))
-    one, other = codec.new(), codec.new()
-    one.orientation_covariance[3] = 1.0
-    one.header.stamp.sec = 1
-    assert (list(other.orientation_covariance), other.header.stamp.sec) == ([0.0] * 9, 0)
+    first, second = codec.new(), codec.new()
+    first.orientation_covariance[3] = 1.0
+    first.header.stamp.sec = 1
+    assert (list(second.orientation_covariance), second.header.stamp.sec) == ([0.0] * 9, 0)

@@ -1,4 +1,4 @@
-"""Random messages as the bridge makes them: out of the bytes of a region, into what the backend gave."""
+"""Fill messages with random values the way the bridge does: from the bytes of a region into the backend's message."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from ..support.schemas import random_message
 
 
 class Values(NamedTuple):
-    """Layouts with every sequence bounded to 3, and the classes made from them, by `geometry_msgs/msg/Pose`."""
+    """Layouts with every sequence bounded to 3, and their classes by name, such as `geometry_msgs/msg/Pose`."""
 
     layouts: Layouts
     kinds: dict[str, type[Message]]
 
     def fill(self, name: TypeName, message: Any, seed: object) -> Any:
-        """`message`, an empty one of that type, with every field at random."""
+        """Fill every field of the empty `message` with a random value, and return the message."""
         layout, kind = self.layouts[name], self.kinds[str(name)]
-        made = kind._from_object(random_message(layout, self.layouts, random.Random(str(seed))))
-        kind._decode(bytes(made), message)
+        sample = kind._from_object(random_message(layout, self.layouts, random.Random(str(seed))))
+        kind._decode(bytes(sample), message)
         return message
 
 
@@ -41,7 +41,7 @@ def values(requests: Iterable[str]) -> Values:
 
 
 def bounded(requests: Iterable[str]) -> Config:
-    """A configuration that bounds every sequence in reach to 3, each package by one line."""
+    """Return a configuration that bounds every sequence of the needed packages to 3."""
     plain = Config(Path.cwd())
     packages = {message.name.package for message in pipeline.read(plain, requests).messages}
     bound = Bound(3, Span("shmgen.toml"))

@@ -1,9 +1,9 @@
-"""A node of zenoh-ros2-sdk that does what lines of JSON on its standard input tell it; knows nothing of shmgen.
+"""A zenoh-ros2-sdk node without code of shmgen. It executes commands: lines of JSON on its standard input.
 
-    python peer.py FOLDER: where definitions are, as FOLDER/std_msgs/msg/String.msg
+    python peer.py FOLDER: the folder of definitions, for example FOLDER/std_msgs/msg/String.msg
 
-Values are plain: lists, dictionaries by field, numbers, text. `keep` uses zenoh.ext as rmw_zenoh does, because the
-SDK's publishers keep nothing.
+Values are lists, dictionaries by field, numbers and text. `keep` uses zenoh.ext as rmw_zenoh does, because the SDK's
+publishers do not keep messages for late subscribers.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def main():
         except Exception as error:
             answer = {"failed": repr(error)}
         print(json.dumps(answer), flush=True)
-    os._exit(0)  # zenoh's threads would hold up the end
+    os._exit(0)  # do not wait for zenoh's threads
 
 
 def advertise(topic, type, **more):
@@ -46,7 +46,7 @@ def advertise(topic, type, **more):
 
 
 def connected(topic):
-    """Waits for a subscription, by its token."""
+    """Wait until a subscriber's token appears. Return False after 20 s."""
     deadline = time.monotonic() + 20
     while time.monotonic() < deadline:
         if tokens(f"@ros2_lv/*/*/*/*/MS/*/*/*/{topic.replace('/', '%')}/**"):
@@ -57,10 +57,10 @@ def connected(topic):
 
 def publish(topic, messages, period=0.0):
     publisher = publishers[topic]
-    begun = time.monotonic()
+    started_at = time.monotonic()
     for number, values in enumerate(messages):
-        if (left := begun + number * period - time.monotonic()) > 0:
-            time.sleep(left)
+        if (wait := started_at + number * period - time.monotonic()) > 0:
+            time.sleep(wait)
         publisher.publish(**members(publisher.msg_type, values))
 
 
@@ -70,16 +70,16 @@ def publish_raw(topic, messages):
 
 
 def keep(topic, messages):
-    """The same by a publisher that is transient local, as rmw_zenoh makes one; it keeps the newest."""
-    own, session = publishers[topic], ZenohSession.get_instance()
-    own.pub = zenoh.ext.declare_advanced_publisher(
-        session.session, own.keyexpr, cache=zenoh.ext.CacheConfig(1), publisher_detection=True
+    """Publish by a transient local publisher that keeps the newest message, declared as rmw_zenoh does."""
+    publisher, session = publishers[topic], ZenohSession.get_instance()
+    publisher.pub = zenoh.ext.declare_advanced_publisher(
+        session.session, publisher.keyexpr, cache=zenoh.ext.CacheConfig(1), publisher_detection=True
     )
     publish(topic, messages)
 
 
 def skip(topic, count):
-    """Numbers that nobody has sent."""
+    """Leave out sequence numbers, as if messages were lost."""
     publishers[topic].sequence_number += count
 
 
@@ -88,100 +88,100 @@ def withdraw(topic):
 
 
 def subscribe(topic, type, latch=False, **more):
-    def take(message):
+    def append(message):
         with news:
-            received[topic].append(plain(message))
+            received[topic].append(to_plain(message))
             news.notify_all()
 
     if topic in subscribers:
         subscribers.pop(topic).close()
     received[topic] = []
     qos = QosProfile(durability=QosDurability.TRANSIENT_LOCAL) if latch else None
-    subscribers[topic] = ROS2Subscriber(topic, type, take, qos=qos, **more)
+    subscribers[topic] = ROS2Subscriber(topic, type, append, qos=qos, **more)
 
 
 def take(topic, count, timeout=20.0):
-    """So many of the messages that have come and were not taken yet; fewer if they do not come in time."""
+    """Remove and return the oldest `count` received messages, or fewer after `timeout` seconds."""
     with news:
         news.wait_for(lambda: len(received[topic]) >= count, timeout)
-        taken, received[topic][:count] = received[topic][:count], []
-        return taken
+        messages, received[topic][:count] = received[topic][:count], []
+        return messages
 
 
 def serve(service, type, answers, delay=0.0, **more):
-    """Each call gets the next of `answers`; the last of them is not there, and fails."""
+    """Answer each call with the next of `answers`. A call fails if none is left."""
 
     def handle(request):
         time.sleep(delay)
-        return made(server.response_store_type, answers.pop(0))
+        return build_message(server.response_store_type, answers.pop(0))
 
     servers[service] = server = ROS2ServiceServer(service, type, handle, **more)
 
 
 def call(service, type, request, timeout=10.0, **more):
-    """The response; None: there is none."""
+    """Call the service and return the response, or None if there is none."""
     client = servers.setdefault(f"client of {service}", None) or ROS2ServiceClient(
         service, type, timeout=timeout, **more
     )
     servers[f"client of {service}"] = client
     response = client.call(**members(client.request_store_type, request))
-    return response and plain(response)
+    return response and to_plain(response)
 
 
 def graph():
-    """All tokens."""
+    """Return all tokens."""
     return tokens("@ros2_lv/**")
 
 
 def tokens(pattern):
-    """The tokens of sessions with a link to this one.
+    """Return the tokens of this session and of sessions with a direct link to it.
 
-    While zenoh replaces the way through the router by a link, tokens, messages and queries may get lost.
+    Tokens, messages and queries may get lost while zenoh replaces the route through the router by a direct link.
     """
     zenoh = ZenohSession.get_instance()
     linked = {str(session) for session in (zenoh.session.info.zid(), *zenoh.session.info.peers_zid())}
-    found = [str(reply.ok.key_expr) for reply in zenoh.liveliness.get(pattern)]
-    return sorted(token for token in found if token.split("/")[2] in linked)
+    keys = [str(reply.ok.key_expr) for reply in zenoh.liveliness.get(pattern)]
+    return sorted(token for token in keys if token.split("/")[2] in linked)
 
 
-def made(type, values):
+def build_message(type, values):
     return ZenohSession.get_instance().store.types[type](**members(type, values))
 
 
 def members(type, values):
-    described = dict(ZenohSession.get_instance().store.fielddefs[type][1])
-    return {name: filled(described[name], value) for name, value in values.items()} | {
-        name: 0 for name in described if name == "structure_needs_at_least_one_member"
+    field_types = dict(ZenohSession.get_instance().store.fielddefs[type][1])
+    return {name: to_rosbags(field_types[name], value) for name, value in values.items()} | {
+        name: 0 for name in field_types if name == "structure_needs_at_least_one_member"
     }
 
 
-def filled(described, value):
-    node, of = described
+def to_rosbags(field_type, value):
+    node, detail = field_type
     if node == Nodetype.NAME:
-        return made(of, value)
+        return build_message(detail, value)
     if node == Nodetype.BASE:
-        return value - 256 if of[0] == "byte" and value > 127 else value  # rosbags takes a byte for signed
-    kind, (word, *_) = element = of[0]
+        return value - 256 if detail[0] == "byte" and value > 127 else value  # rosbags stores a byte as int8
+    kind, (word, *_) = element = detail[0]
     if kind == Nodetype.BASE and word != "string":
         return numpy.array(value, dtype="uint8" if word in ("byte", "char") else word)
-    return [filled(element, one) for one in value]
+    return [to_rosbags(element, item) for item in value]
 
 
-def plain(value):
+def to_plain(value):
     if isinstance(value, (list, tuple, numpy.ndarray)):
-        return [plain(item) for item in value]
+        return [to_plain(item) for item in value]
     if hasattr(value, "__msgtype__"):
-        described = ZenohSession.get_instance().store.fielddefs[value.__msgtype__][1]
-        names = {name: kind for name, kind in described if not name.startswith("structure_needs")}
-        return {name: unsigned(plain(getattr(value, name)), kind) for name, kind in names.items()}
+        fields = ZenohSession.get_instance().store.fielddefs[value.__msgtype__][1]
+        names = {name: kind for name, kind in fields if not name.startswith("structure_needs")}
+        return {name: to_unsigned(to_plain(getattr(value, name)), kind) for name, kind in names.items()}
     return value.item() if isinstance(value, numpy.generic) else value
 
 
-def unsigned(value, described):
-    """A byte, of which rosbags makes an int8."""
-    if "('byte', 0)" not in repr(described):
+def to_unsigned(value, field_type):
+    """Convert an int8 back to a byte; rosbags stores a byte as int8. Other values stay unchanged."""
+    if "('byte', 0)" not in repr(field_type):
         return value
-    return [one % 256 for one in value] if isinstance(value, list) else value % 256
+    return [item % 256 for item in value] if isinstance(value, list) else value % 256
 
 
 if __name__ == "__main__":

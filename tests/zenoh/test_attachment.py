@@ -1,4 +1,4 @@
-"""Numbers and names beside a message, as each version of rmw_zenoh_cpp writes them."""
+"""Test the attachments of messages (sequence number, time, gid) as each version of rmw_zenoh_cpp writes them."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from shmgen.generator import pipeline
 WRITER = bytes(range(16))
 
 
-def test_the_number_is_found_with_labels_and_without() -> None:
-    """By the layout of 0.2.0 to 0.2.3: each part has its name before it, as zenoh serialises a string."""
+def test_attachment_is_parsed_with_and_without_labels() -> None:
+    """Parse also the layout of 0.2.0 to 0.2.3, which puts the name of each part before the part."""
     labels = [b"sequence_number", b"source_timestamp", b"source_gid"]
     parts = [struct.pack("<q", 42), struct.pack("<q", 7), bytes([16]) + WRITER]
     labelled = b"".join(bytes([len(label)]) + label + part for label, part in zip(labels, parts, strict=True))
@@ -52,12 +52,12 @@ CHATTER = f"%chatter/std_msgs::msg::dds_::String_/{HASH}"
         ("@ros2_lv/0/" + "ab/" * 150, "9b662a7d5a5817ca3e6b743f0af2b524"),
     ],
 )
-def test_gids_are_those_of_rmw_zenoh(token: str, gid: str) -> None:
-    """The values come from rmw_zenoh's own hash function, compiled on a PC, and its order of bytes."""
+def test_endpoint_gid_equals_that_of_rmw_zenoh(token: str, gid: str) -> None:
+    """Compare with values that rmw_zenoh's own hash function returned, in its byte order."""
     assert endpoint_gid(token).hex() == gid
 
 
-def test_a_message_has_the_gid_of_its_publisher(tmp_path: Path) -> None:
+def test_message_has_the_gid_of_its_publisher(tmp_path: Path) -> None:
     config = zenoh.Config()
     config.insert_json5("listen/endpoints", "[]")
     config.insert_json5("scouting/multicast/enabled", "false")
