@@ -1,4 +1,4 @@
-"""Services and actions of the open dialects against Python's clients and servers, through real regions."""
+"""Service and action blocks of the open dialects work with Python's clients and servers through real regions."""
 
 from __future__ import annotations
 
@@ -23,141 +23,141 @@ from ..support.open_plc import Instance, Program
 from ..support.plc_demo import Memory, semaphore
 from ..support.schemas import plain, random_message
 from .conftest import PACKAGE
-from .test_blocks import held, ready, until
+from .test_blocks import call_until_open, open_resources, wait_until
 
-Made = tuple[Path, dict[str, str], Layouts]
-ENDS = ("xDone", "xBusy", "xAborted", "xError")
+Generated = tuple[Path, dict[str, str], Layouts]
+STATES = ("xDone", "xBusy", "xAborted", "xError")
 
 
 @pytest.fixture
-def ros(generated: Made) -> SimpleNamespace:
+def ros(generated: Generated) -> SimpleNamespace:
     """The generated classes of services and actions."""
-    found: dict[str, Any] = {}
+    classes: dict[str, Any] = {}
     for kind in ("srv", "action"):
-        found |= vars(build.module(generated[0], PACKAGE, TypeName("demo_msgs", kind, "")))
-    return SimpleNamespace(**found)
+        classes |= vars(build.module(generated[0], PACKAGE, TypeName("demo_msgs", kind, "")))
+    return SimpleNamespace(**classes)
 
 
 @pytest.fixture
 def block(plc: Program, topic: str) -> Callable[..., Instance]:
-    """One of the four of Start or Move, opened."""
+    """A function that opens a client or server block of Start or Move."""
 
-    def opened(role: str, name: str = topic, **inputs: object) -> Any:
+    def open_block(role: str, name: str = topic, **inputs: object) -> Any:
         action = role.startswith("Action")
-        named = {"sAction" if action else "sService": name}
+        name_input = {"sAction" if action else "sService": name}
         kind = "Move" if action else "Start"
-        return opening(plc.block(f"FB_demo_msgs_{kind}_{role}", xEnable=True, **named, **inputs))
+        return call_while_opening(plc.block(f"FB_demo_msgs_{kind}_{role}", xEnable=True, **name_input, **inputs))
 
-    return opened
+    return open_block
 
 
-def opening(block: Any) -> Any:
-    """Called as a cycle would; a client does not say when its regions are open, since a call waits for that."""
+def call_while_opening(block: Any) -> Any:
+    """Call a block until it is open. A client reports no open state, because its calls wait for the regions."""
     for _ in range(30):
         block()
         time.sleep(0.0005)
-    return ready(block) if block._name.endswith("SERVER") else block
+    return call_until_open(block) if block._name.endswith("SERVER") else block
 
 
 def state(client: Any) -> str:
-    """Which one of the four it is; more than one is none of them."""
-    return "+".join(name for name in ENDS if getattr(client, name))
+    """Return the names of the state outputs that are TRUE, joined by plus signs."""
+    return "+".join(name for name in STATES if getattr(client, name))
 
 
-def begin(client: Any, batch: int = 1) -> Any:
+def start_call(client: Any, batch: int = 1) -> Any:
     client(xExecute=False)
     return client(xExecute=True, Request_batch=batch)
 
 
-def randoms(generated: Made, name: str) -> Iterator[Any]:
+def random_messages(generated: Generated, name: str) -> Iterator[Any]:
     layout = next(it for it in generated[2].values() if it.name.short == f"demo_msgs/{name}")
     seed = random.Random(name)
     while True:
         yield random_message(layout, generated[2], seed)
 
 
-def test_a_call_passes_both_ways_through_a_plc(block: Any, ros: Any, generated: Made, topic: str) -> None:
-    """Python's client, a server block, a client block, Python's server: all values come as they were."""
-    served, calls = block("Server", f"{topic}/in"), block("Client", f"{topic}/out", tTimeout=5)
-    requests, responses = randoms(generated, "Start_Request"), randoms(generated, "Start_Response")
+def test_call_passes_through_a_plc_unchanged(block: Any, ros: Any, generated: Generated, topic: str) -> None:
+    """Forward a call of Python's client through a server block and a client block to Python's server."""
+    plc_server, plc_client = block("Server", f"{topic}/in"), block("Client", f"{topic}/out", tTimeout=5)
+    requests, responses = random_messages(generated, "Start_Request"), random_messages(generated, "Start_Response")
     with ros.StartClient(f"{topic}/in") as client, ros.StartServer(f"{topic}/out") as server:
         assert client.server_is_ready()
         for _ in range(10):
             request, response = next(requests), next(responses)
             number = client.send(request)
-            assert (served().xExecute, served.udiCall) == (1, number)
-            served.move(calls, "Request")
-            assert state(calls(xExecute=True)) == "xBusy"
+            assert (plc_server().xExecute, plc_server.udiCall) == (1, number)
+            plc_server.move(plc_client, "Request")
+            assert state(plc_client(xExecute=True)) == "xBusy"
             call = server.take()
-            assert calls.udiCall == call.number
+            assert plc_client.udiCall == call.number
             assert plain(call.request) == plain(request)
-            assert state(calls()) == "xBusy"
+            assert state(plc_client()) == "xBusy"
             server.reply(call, response)
-            assert (state(calls()), calls.eErrorID) == ("xDone", 0)
-            calls.move(served, "Response")
-            assert served(xDone=True).xExecute == 0
+            assert (state(plc_client()), plc_client.eErrorID) == ("xDone", 0)
+            plc_client.move(plc_server, "Response")
+            assert plc_server(xDone=True).xExecute == 0
             assert plain(client.poll()) == plain(response)
-            assert state(calls(xExecute=False)) == ""
-            assert served(xDone=False).xExecute == 0
+            assert state(plc_client(xExecute=False)) == ""
+            assert plc_server(xDone=False).xExecute == 0
 
 
-def test_a_goal_passes_both_ways_through_a_plc(block: Any, ros: Any, generated: Made, topic: str) -> None:
-    served, calls = block("ActionServer", f"{topic}/in", xSend=False), block("ActionClient", f"{topic}/out")
-    goals, heard, results = (randoms(generated, f"Move_{part}") for part in ("Goal", "Feedback", "Result"))
+def test_goal_passes_through_a_plc_unchanged(block: Any, ros: Any, generated: Generated, topic: str) -> None:
+    plc_server, plc_client = block("ActionServer", f"{topic}/in", xSend=False), block("ActionClient", f"{topic}/out")
+    goals, feedbacks, results = (random_messages(generated, f"Move_{part}") for part in ("Goal", "Feedback", "Result"))
     with ros.MoveActionClient(f"{topic}/in") as client, ros.MoveActionServer(f"{topic}/out") as server:
         for _ in range(5):
-            goal, feedback, result = next(goals), next(heard), next(results)
+            goal, feedback, result = next(goals), next(feedbacks), next(results)
             number = client.send_goal(goal, timeout=5)
-            assert (served().xExecute, served.udiGoal) == (1, number)
-            served.move(calls, "Goal")
-            calls(xExecute=True)
-            taken = server.take()
-            assert plain(taken.request) == plain(goal)
-            assert taken.publish_feedback(feedback)
-            assert (state(calls()), calls.xNewFeedback, calls.siStatus) == ("xBusy", 1, 2)
-            calls.move(served, "Feedback")
-            served(xSend=True)
+            assert (plc_server().xExecute, plc_server.udiGoal) == (1, number)
+            plc_server.move(plc_client, "Goal")
+            plc_client(xExecute=True)
+            server_goal = server.take()
+            assert plain(server_goal.request) == plain(goal)
+            assert server_goal.publish_feedback(feedback)
+            assert (state(plc_client()), plc_client.xNewFeedback, plc_client.siStatus) == ("xBusy", 1, 2)
+            plc_client.move(plc_server, "Feedback")
+            plc_server(xSend=True)
             assert plain(client.feedback()) == plain(feedback)
-            assert calls().xNewFeedback == 0
-            assert taken.succeed(result)
-            assert (state(calls()), calls.siStatus) == ("xDone", 4)
-            calls.move(served, "Result")
-            served(xSend=False, xDone=True)
+            assert plc_client().xNewFeedback == 0
+            assert server_goal.succeed(result)
+            assert (state(plc_client()), plc_client.siStatus) == ("xDone", 4)
+            plc_client.move(plc_server, "Result")
+            plc_server(xSend=False, xDone=True)
             outcome = client.poll()
             assert (outcome.status, plain(outcome.result)) == (4, plain(result))
-            served(xDone=False), calls(xExecute=False)
+            plc_server(xDone=False), plc_client(xExecute=False)
 
 
-def test_how_a_call_of_a_plc_ends(block: Any, ros: Any, topic: str) -> None:
+def test_client_block_reports_timeout_failure_and_cancel(block: Any, ros: Any, topic: str) -> None:
     client = block("Client", tTimeout=0.05)
-    assert state(begin(client)) == "xBusy"
-    assert until(lambda: state(client()) == "xError"), "nobody serves"
+    assert state(start_call(client)) == "xBusy"
+    assert wait_until(lambda: state(client()) == "xError"), "no server exists"
     assert client.eErrorID == 50
-    assert until(lambda: client(xEnable=True).eErrorID == 50), "it stays until xExecute falls"
+    assert wait_until(lambda: client(xEnable=True).eErrorID == 50), "the error stays until xExecute falls"
     with ros.StartServer(topic) as server:
-        assert server.take() is None, "what was sent before is old"
-        begin(client, 2)
+        assert server.take() is None, "a request from before the server's start is dropped"
+        start_call(client, 2)
         server.fail(server.take())
         assert (state(client()), client.eErrorID) == ("xError", 51)
-        begin(client, 3)
+        start_call(client, 3)
         late = server.take()
-        assert until(lambda: state(client()) == "xError")
+        assert wait_until(lambda: state(client()) == "xError")
         assert client.eErrorID == 50
         client(tTimeout=0)
-        begin(client, 4)
+        start_call(client, 4)
         server.reply(late, ros.Start_Response(batch=3))
-        assert state(client()) == "xBusy", "that was to the call before"
+        assert state(client()) == "xBusy", "the reply was to the previous call"
         assert state(client(xCancel=True)) == "xAborted"
         client(xCancel=False)
         assert state(client(xExecute=False)) == ""
         assert client.eErrorID == 0
-        begin(client, 5)
+        start_call(client, 5)
         server.reply(server.wait(5), ros.Start_Response(batch=6, values=[1.0]))
         assert (state(client(xExecute=False)), client.Response_batch) == ("xDone", 6)
-        assert state(client()) == "", "seen for one cycle"
+        assert state(client()) == "", "xDone is TRUE for one cycle"
 
 
-def test_how_a_call_to_a_plc_ends(block: Any, ros: Any, topic: str) -> None:
+def test_server_block_ends_calls_with_xdone_or_xfailed(block: Any, ros: Any, topic: str) -> None:
     server = block("Server")
     with ros.StartClient(topic) as client:
         client.send(ros.Start_Request(batch=1))
@@ -167,23 +167,23 @@ def test_how_a_call_to_a_plc_ends(block: Any, ros: Any, topic: str) -> None:
             client.poll()
         client.send(ros.Start_Request(batch=2))
         for _ in range(3):
-            assert server().xExecute == 0, "the end of the last job is not that of the next"
+            assert server().xExecute == 0, "xFailed of the last call does not end the next call"
         assert (server(xFailed=False).xExecute, server.Request_batch) == (1, 2)
         client.send(ros.Start_Request(batch=3))
-        assert (server().xExecute, server.Request_batch) == (1, 2), "one at a time"
+        assert (server().xExecute, server.Request_batch) == (1, 2), "a server handles one call at a time"
         server(xDone=True, Response_batch=20)
-        assert client.poll() is None, "it was to the call given up"
+        assert client.poll() is None, "the response was to the abandoned call"
         assert (server(xDone=False).xExecute, server.Request_batch) == (1, 3)
         server(xDone=True, Response_batch=30)
         assert client.poll().batch == 30
 
 
-def test_a_count_above_its_bound_ends_the_call(block: Any, ros: Any, generated: Made, topic: str) -> None:
-    """Whoever it comes from: the program on either side, or a peer that says so of what it has sent."""
+def test_count_above_its_bound_fails_the_call(block: Any, ros: Any, generated: Generated, topic: str) -> None:
+    """Fail the call, whether the program of one side or a faulty peer wrote the count."""
     server, client = block("Server"), block("Client", f"{topic}/other")
     with ros.StartClient(topic) as caller, ros.StartServer(f"{topic}/other") as callee:
         caller.send(ros.Start_Request(batch=1))
-        poke(generated, topic, "Start_Request", "codes_count")
+        overwrite_count(generated, topic, "Start_Request", "codes_count")
         server()
         assert (server.xExecute, server.xError, server.eErrorID, server.udiRefused) == (0, 1, 52, 1)
         server()
@@ -199,16 +199,16 @@ def test_a_count_above_its_bound_ends_the_call(block: Any, ros: Any, generated: 
         caller.send(ros.Start_Request(batch=3))
         assert (server().xExecute, server.eErrorID) == (1, 0)
 
-        begin(client(Request_codes_count=4))
+        start_call(client(Request_codes_count=4))
         assert (state(client), client.eErrorID, callee.take()) == ("xError", 52, None)
-        begin(client(Request_codes_count=3))
+        start_call(client(Request_codes_count=3))
         callee.reply(callee.take(), ros.Start_Response())
-        poke(generated, f"{topic}/other", "Start_Reply", "response.values_count")
+        overwrite_count(generated, f"{topic}/other", "Start_Reply", "response.values_count")
         assert (state(client()), client.eErrorID) == ("xError", 52)
 
 
-def poke(generated: Made, topic: str, name: str, field: str) -> None:
-    """Writes 9 over a count of the newest sample."""
+def overwrite_count(generated: Generated, topic: str, name: str, field: str) -> None:
+    """Write 9 over a count in the newest sample."""
     layout = next(it for it in generated[2].values() if it.name.short == f"demo_msgs/{name}")
     at = 0
     for part in field.split("."):
@@ -220,37 +220,37 @@ def poke(generated: Made, topic: str, name: str, field: str) -> None:
     memory.poke(abi.HEADER_SIZE + memory["completed0"] % memory["slots"] * words[5] + abi.SLOT_HEADER + at, bytes([9]))
 
 
-def test_either_side_starts_anew(block: Any, ros: Any, topic: str) -> None:
-    """No call is served twice, or gets the answer to another."""
+def test_restarted_client_or_server_mixes_up_no_calls(block: Any, ros: Any, topic: str) -> None:
+    """Serve no call twice, and give no call the response to another call."""
     server, client = block("Server"), block("Client", tTimeout=0)
-    begin(client, 1)
+    start_call(client, 1)
     assert server().xExecute == 1
     number = server.udiCall
     assert (server(xEnable=False).xExecute, server.udiCall) == (0, 0)
-    ready(server(xEnable=True))
+    call_until_open(server(xEnable=True))
     for _ in range(3):
-        assert (server().xExecute, state(client())) == (0, "xBusy"), "nobody knows whether it was served"
+        assert (server().xExecute, state(client())) == (0, "xBusy"), "the former server may have served the call"
     client(xCancel=True)
-    begin(client(xCancel=False), 2)
+    start_call(client(xCancel=False), 2)
     assert (server().Request_batch, client.udiCall) == (2, number + 1)
     client(xEnable=False, xExecute=False)
     assert (state(client), client.udiCall) == ("", 0)
-    opening(client(xEnable=True))
-    begin(client, 3)
+    call_while_opening(client(xEnable=True))
+    start_call(client, 3)
     server(xDone=True, Response_batch=20)
-    assert state(client()) == "xBusy", "the answer is that to the former client"
+    assert state(client()) == "xBusy", "the response was to the former client"
     server(xDone=False)
     assert (server().Request_batch, client.udiCall) == (3, number + 2)
     server(xDone=True, Response_batch=30)
     assert (state(client()), client.Response_batch) == ("xDone", 30)
     server(xEnable=False)
     with ros.StartServer(topic) as python:
-        begin(client, 4)
+        start_call(client, 4)
         python.reply(python.wait(5), ros.Start_Response(batch=40))
         assert (state(client()), client.Response_batch) == ("xDone", 40)
         second = block("Server")
-        assert (second.xError, second.eErrorID) == (1, 40), "somebody serves"
-    assert until(lambda: second().eErrorID == 0 and not second.xBusy)
+        assert (second.xError, second.eErrorID) == (1, 40), "another server is open"
+    assert wait_until(lambda: second().eErrorID == 0 and not second.xBusy)
 
 
 CALLER = """
@@ -264,14 +264,14 @@ time.sleep(60)
 """
 
 
-def test_a_client_is_killed(block: Any, ros: Any, generated: Made, topic: str) -> None:
-    """Its answer goes nowhere, and the next client's call is served."""
+def test_server_serves_the_next_client_after_a_kill(block: Any, ros: Any, generated: Generated, topic: str) -> None:
+    """Drop the response to the killed client, and serve the call of the next client."""
     server = block("Server")
     line = [sys.executable, "-c", CALLER, str(generated[0] / "python"), topic]
     with subprocess.Popen(line, stdout=subprocess.PIPE) as process:
         assert process.stdout
         assert process.stdout.readline() == b"sent\n"
-        assert until(lambda: server().xExecute == 1)
+        assert wait_until(lambda: server().xExecute == 1)
         process.kill()
     with ros.StartClient(topic) as client:
         client.send(ros.Start_Request(batch=8))
@@ -283,26 +283,26 @@ def test_a_client_is_killed(block: Any, ros: Any, generated: Made, topic: str) -
         assert client.poll().batch == 80
 
 
-def test_nothing_waits_for_a_lock_that_somebody_holds(block: Any, topic: str) -> None:
-    """A call that waits gives the processor away; a call goes on all the same where stores keep their order."""
-    every = [block("Server"), block("Client", tTimeout=5), block("ActionServer"), block("ActionClient")]
+def test_call_blocks_do_not_wait_for_held_locks(block: Any, topic: str) -> None:
+    """Start calls and goals while the locks are held. Waiting would show as voluntary context switches."""
+    blocks = [block("Server"), block("Client", tTimeout=5), block("ActionServer"), block("ActionClient")]
     names = [f"{topic}-{half}" for half in ("request", "response", "goal", "result", "feedback")]
     for name in names:
         semaphore(name).acquire(0)
-    first = 0, 0
-    given_away = resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
+    numbers_before = 0, 0
+    switches_before = resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
     for number in range(200):
-        for one in every:
-            one(xExecute=number % 20 < 10) if one._name.endswith("CLIENT") else one(xDone=one.xExecute)
+        for end in blocks:
+            end(xExecute=number % 20 < 10) if end._name.endswith("CLIENT") else end(xDone=end.xExecute)
         if number == 0:
-            first = every[1].udiCall, every[3].udiGoal
-    assert resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw - given_away < 20
-    assert (every[1].udiCall - first[0], every[3].udiGoal - first[1]) == (9, 9)
+            numbers_before = blocks[1].udiCall, blocks[3].udiGoal
+    assert resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw - switches_before < 20
+    assert (blocks[1].udiCall - numbers_before[0], blocks[3].udiGoal - numbers_before[1]) == (9, 9)
     for name in names:
         semaphore(name).release()
 
 
-def test_how_a_goal_of_a_plc_ends(block: Any, ros: Any, topic: str) -> None:
+def test_action_client_block_reports_how_goals_end(block: Any, ros: Any, topic: str) -> None:
     client = block("ActionClient", tTimeout=0.3)
     with ros.MoveActionServer(topic) as server:
         client(xExecute=True, Goal_target=5)
@@ -324,18 +324,18 @@ def test_how_a_goal_of_a_plc_ends(block: Any, ros: Any, topic: str) -> None:
         client(xExecute=True)
         goal = server.take()
         assert client.siStatus == 0
-        assert until(lambda: state(client()) == "xError")
+        assert wait_until(lambda: state(client()) == "xError")
         assert (client.eErrorID, client.udiGoal) == (50, goal.number)
         assert goal.succeed(ros.Move_Result())
         assert state(client()) == "xError"
 
 
-def test_how_a_goal_to_a_plc_ends(block: Any, ros: Any, topic: str) -> None:
+def test_action_server_block_ends_goals_with_each_status(block: Any, ros: Any, topic: str) -> None:
     server = block("ActionServer", Feedback_way=2)
 
-    def ended(**how: object) -> tuple[int, int]:
-        server(**how)
-        server(**dict.fromkeys(how, False))
+    def end_goal(**inputs: object) -> tuple[int, int]:
+        server(**inputs)
+        server(**dict.fromkeys(inputs, False))
         outcome = client.poll()
         return outcome.status, outcome.result.way
 
@@ -350,31 +350,31 @@ def test_how_a_goal_to_a_plc_ends(block: Any, ros: Any, topic: str) -> None:
         client.feedback()
         assert client.status == 3
         server.Result_way = 8
-        assert ended(xAborted=True) == (5, 8)
-        for how, status in (({"xFailed": True}, 6), ({"xReject": True}, -1), ({"xDone": True}, 4)):
+        assert end_goal(xAborted=True) == (5, 8)
+        for inputs, status in (({"xFailed": True}, 6), ({"xReject": True}, -1), ({"xDone": True}, 4)):
             client.send_goal(ros.Move_Goal(target=9), timeout=5)
             assert (server().xExecute, server.xCancel) == (1, 0)
-            assert ended(**how)[0] == status
+            assert end_goal(**inputs)[0] == status
         client.send_goal(ros.Move_Goal(target=1), timeout=5)
         server()
         client.send_goal(ros.Move_Goal(target=2), timeout=5)
-        assert (server().xCancel, server.Goal_target) == (1, 1), "the newer one waits for the end of the old"
+        assert (server().xCancel, server.Goal_target) == (1, 1), "the newer goal waits until the older goal ends"
         client.cancel()
         server(), server()
-        assert client.poll().status == 5, "it was never taken"
+        assert client.poll().status == 5, "the server has not taken the goal"
         assert (server(xAborted=True).xExecute, server(xAborted=False).xExecute) == (0, 0)
 
 
-def test_a_block_lets_go(block: Any, plc: Program, topic: str) -> None:
-    """And what cannot work is told."""
-    every = [block(role) for role in ("Server", "Client", "ActionServer", "ActionClient")]
-    assert len(held(topic)) >= 10, "five regions, from two sides"
-    other = opening(plc.block("FB_demo_msgs_Stop_Client", xEnable=True, sService=topic))
-    assert (other.eErrorID, state(other)) == (22, ""), "another service has the name"
+def test_disabled_call_blocks_close_their_regions(block: Any, plc: Program, topic: str) -> None:
+    """Close all regions of disabled blocks. Also report an incompatible service and invalid names."""
+    blocks = [block(role) for role in ("Server", "Client", "ActionServer", "ActionClient")]
+    assert len(open_resources(topic)) >= 10, "five regions, from two sides"
+    other = call_while_opening(plc.block("FB_demo_msgs_Stop_Client", xEnable=True, sService=topic))
+    assert (other.eErrorID, state(other)) == (22, ""), "another service uses the name"
     other(xEnable=False)
-    for one in every:
-        one(xEnable=False)
-        assert (one.xBusy, one.xError, one.eErrorID) == (0, 0, 0)
-    assert held(topic) == []
+    for instance in blocks:
+        instance(xEnable=False)
+        assert (instance.xBusy, instance.xError, instance.eErrorID) == (0, 0, 0)
+    assert open_resources(topic) == []
     for name, error in (("", 1), ("//no", 2)):
         assert block("Server", name).eErrorID == block("Client", name).eErrorID == error

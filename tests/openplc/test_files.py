@@ -1,4 +1,4 @@
-"""What stands in the files for open PLCs: a library's chunks, what each needs, and what goes into an upload."""
+"""The files for open PLCs contain complete library chunks, the expected programs, and the user's own sources."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from shmgen.generator import pipeline
 from ..support import build, open_plc
 from .conftest import MESSAGES
 
-Made = tuple[Path, dict[str, str], Layouts]
+Generated = tuple[Path, dict[str, str], Layouts]
 
 
-def test_a_library_says_what_it_holds_and_needs(generated: Made) -> None:
-    """Keys of STruC++ 0.6.1; a program gets a chunk and those it names, and they must be enough for it."""
+def test_stlib_lists_its_chunks_and_their_dependencies(generated: Generated) -> None:
+    """Use the keys of STruC++ 0.6.1. Each chunk must list all chunks that it needs: a program gets no others."""
     library = json.loads(generated[1]["openplc/shm_msgs.stlib"])
     assert set(library) == {"formatVersion", "manifest", "chunks", "dependencies"}
     assert (library["formatVersion"], library["dependencies"]) == (1, [])
@@ -41,43 +41,43 @@ def test_a_library_says_what_it_holds_and_needs(generated: Made) -> None:
     assert {one["name"] for one in manifest["types"]} == set(chunks) - {"SHMGEN_PROTOCOL"} - {
         one["name"] for one in manifest["functionBlocks"]
     }
-    named = [name for one in manifest["types"] for name in (one["name"], *(field["name"] for field in one["fields"]))]
-    assert all(name == name.upper() for name in named)
+    names = [name for one in manifest["types"] for name in (one["name"], *(field["name"] for field in one["fields"]))]
+    assert all(name == name.upper() for name in names)
     for name, chunk in chunks.items():
         needed = {dep["name"] for dep in chunk["deps"]}
         used = set(re.findall(r"\b(?:ST|FB)_[A-Z0-9_]+\b", chunk["header"])) & set(chunks)
-        used |= {"ST_" + found.upper() for found in re.findall(r"\bshmgen_type_of_shm_(\w+)\(\)", chunk["cpp"])}
+        used |= {"ST_" + message.upper() for message in re.findall(r"\bshmgen_type_of_shm_(\w+)\(\)", chunk["cpp"])}
         assert used - {name} == needed - {"SHMGEN_PROTOCOL"}, name
         assert "#include" not in chunk["header"] + chunk["cpp"], name
 
 
 @pytest.mark.slow
-def test_a_chunk_alone_compiles_with_what_it_names(generated: Made, tmp_path: Path) -> None:
-    """As a program gets it that uses one block only."""
+def test_chunk_compiles_with_only_its_dependencies(generated: Generated, tmp_path: Path) -> None:
+    """Compile only the chunks that STruC++ selects for a program with one block."""
     library = json.loads(generated[1]["openplc/shm_msgs.stlib"])
     block = "FB_DEMO_MSGS_PART_SUBSCRIBER"
     chunks = {chunk["name"]: chunk for chunk in library["chunks"]}
-    wanted, left = {block}, [block]
-    while left:
-        left = [dep["name"] for name in left for dep in chunks[name]["deps"]]
-        wanted |= set(left)
-    library["chunks"] = [chunk for chunk in library["chunks"] if chunk["name"] in wanted]
+    needed, remaining = {block}, [block]
+    while remaining:
+        remaining = [dep["name"] for name in remaining for dep in chunks[name]["deps"]]
+        needed |= set(remaining)
+    library["chunks"] = [chunk for chunk in library["chunks"] if chunk["name"] in needed]
     blocks = library["manifest"]["functionBlocks"]
-    library["manifest"]["functionBlocks"] = [one for one in blocks if one["name"] in wanted]
-    assert len(wanted) == 3
+    library["manifest"]["functionBlocks"] = [one for one in blocks if one["name"] in needed]
+    assert len(needed) == 3
     open_plc.compiled({"openplc/shm_msgs.stlib": json.dumps(library)}, "openplc-v4", tmp_path)
 
 
-def test_the_lines_of_an_upload_are_the_header(generated: Made) -> None:
-    """As OpenPLC v3 reads them back, but for blanks between a bracket and a star, and for empty lines."""
+def test_upload_contains_the_generated_header(generated: Generated) -> None:
+    """Read the header from the upload as OpenPLC v3 does. Only blanks in comment marks and empty lines may differ."""
     header = generated[1]["matiec/shm_msgs.h"].partition("*/\n")[2]
-    found = open_plc.read(generated[1]["matiec/shm_msgs.st"]).header
-    assert found.replace("( *", "(*").replace("* )", "*)").split() == header.replace("( *", "(*").split()
+    embedded = open_plc.read(generated[1]["matiec/shm_msgs.st"]).header
+    assert embedded.replace("( *", "(*").replace("* )", "*)").split() == header.replace("( *", "(*").split()
 
 
 @pytest.mark.slow
-def test_the_program_gives_each_topic_its_structure(tmp_path: Path) -> None:
-    """And all of it is the library's, since STruC++ prints a program's own types before those."""
+def test_program_has_a_member_of_st_ros_per_topic(tmp_path: Path) -> None:
+    """Define ST_Ros in the library, because STruC++ prints a program's own types before the library's types."""
     topics = """[[topics]]
 topic = "/cell/number"
 type = "demo_msgs/Number"
@@ -139,21 +139,21 @@ DEFINITIONS = {
 }
 
 
-def test_a_topic_and_a_service_are_as_expected(tmp_path: Path, update_golden: bool) -> None:
-    """Without the protocol, which is the same in all and has tests of its own; so have actions (test_calls.py)."""
+def test_files_of_a_topic_and_services_are_as_expected(tmp_path: Path, update_golden: bool) -> None:
+    """Leave out the protocol and the actions, which have their own tests (test_calls.py)."""
     build.put({"shmgen.toml": CELL.partition("[[actions]]")[0], **DEFINITIONS}, tmp_path)
     texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), [])
     open_plc.read(texts["matiec/upload.st"])
     upload, word, program = texts["matiec/upload.st"].partition("PROGRAM")
     assert texts["openplc/PRG_Ros.st"].endswith(word + program)
-    found = {
+    actual = {
         "PRG_Ros.st": texts["openplc/PRG_Ros.st"],
         "upload.st": re.sub(r"(?m)^\(\*FILE:.*\n", "", upload),
         "library.txt": as_text(json.loads(texts["openplc/shm_msgs.stlib"])),
     }
     if update_golden:
-        build.put(found, GOLDEN)
-    for name, text in found.items():
+        build.put(actual, GOLDEN)
+    for name, text in actual.items():
         assert text == (GOLDEN / name).read_text(), name
 
 
@@ -176,8 +176,8 @@ END_PROGRAM
 """
 
 
-def test_own_sources_stand_in_the_upload_and_are_called(tmp_path: Path) -> None:
-    """Behind PRG_Ros, in the order of their files, by the same task; a CODESYS project's files do not change."""
+def test_programs_of_own_sources_are_added_and_called(tmp_path: Path) -> None:
+    """Append the sources after PRG_Ros and call their programs in the same task. Keep shm_msgs.st unchanged."""
     more = '[plc]\nsources = ["plc/cell.st"]\n'
     build.put({"shmgen.toml": CELL + more, "plc/cell.st": OWN, **DEFINITIONS}, tmp_path)
     texts = pipeline.generate(config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report()), [])
@@ -194,7 +194,7 @@ def test_own_sources_stand_in_the_upload_and_are_called(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("PROGRAM Prg_Ros\nEND_PROGRAM\n", "cell.st:1:9: error[SHM203]: two programs are called Prg_Ros"),
         ("\n  PROGRAM A\nEND_PROGRAM\nPROGRAM a\n", "cell.st:4:9: error[SHM203]: two programs are called a"),
@@ -206,18 +206,18 @@ def test_own_sources_stand_in_the_upload_and_are_called(tmp_path: Path) -> None:
         (None, "cell.st: error[SHM001]: cannot read: No such file or directory"),
     ],
 )
-def test_own_sources_that_cannot_be_taken_are_said(text: str | None, said: str, tmp_path: Path) -> None:
+def test_errors_in_own_sources_are_reported(text: str | None, message: str, tmp_path: Path) -> None:
     build.put({"shmgen.toml": CELL + '[plc]\nsources = ["cell.st"]\n', **DEFINITIONS}, tmp_path)
     if text is not None:
         (tmp_path / "cell.st").write_text(text, encoding="latin-1")
     command = [sys.executable, "-m", "shmgen", "generate", "--no-cache"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
-    assert (done.returncode, done.stderr.splitlines()[0]) == (1, said)
+    assert (done.returncode, done.stderr.splitlines()[0]) == (1, message)
 
 
 @pytest.mark.slow
-def test_a_check_sees_that_an_own_source_changed(tmp_path: Path) -> None:
-    """Also where the check before found nothing, which is remembered."""
+def test_check_detects_a_changed_own_source(tmp_path: Path) -> None:
+    """Report the change even after a check without differences, whose result is cached."""
     build.put({"shmgen.toml": CELL + '[plc]\nsources = ["cell.st"]\n', "cell.st": OWN, **DEFINITIONS}, tmp_path)
 
     def shmgen(*words: str) -> int:
@@ -226,14 +226,14 @@ def test_a_check_sees_that_an_own_source_changed(tmp_path: Path) -> None:
         return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False).returncode
 
     assert shmgen("generate") == 0
-    time.sleep(0.1)  # what was touched just now is not remembered
+    time.sleep(0.1)  # a result is not cached if a file changed just now
     assert [shmgen("check"), shmgen("check")] == [0, 0]
     (tmp_path / "cell.st").write_text(OWN.replace("1.0", "2.0"))
     assert shmgen("check") != 0
 
 
 def as_text(library: dict[str, Any]) -> str:
-    """Return the library without the protocol, and with one message, as all look like that of target c."""
+    """Return the library as text, without the protocol and service types. Structures look like those of target c."""
     blocks = [
         f"{one['name']} {role} {', '.join(it['name'] + ' : ' + it['type'] for it in one[role])}\n"
         for one in library["manifest"]["functionBlocks"]
