@@ -1,4 +1,4 @@
-"""ABI 1 as it was agreed upon, and that Python, C, Structured Text and the docs all say the same."""
+"""Python, C, Structured Text and the docs all define the header and the numbers of the ABI as the tables here do."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .runtime.messages import PosePublisher, pose
 from .softplc import compile_st
 from .support import new_word, region_page
 
-# Written by hand, and not to be edited with abi.py: regions that are there were made so.
+# Written by hand, and not to be edited together with abi.py: existing regions have this layout.
 HEADER = {
     "magic": (0, 4, "dwMagic"),
     "abi": (4, 2, "uiAbi"),
@@ -60,7 +60,7 @@ NUMBERS = {
     "RETRY_MS": 500, "CLAIM_MS": 1000, "CONFIRM_MS": 100, "RECOVER_MS": 1000, "DEAD_MS": 50, "LOCK_MS": 10,
     "WAKE_MS": 10, "POLL_MS": 1, "HEARTBEAT_MS": 50, "PEER_MS": 100, "REMOVED_MS": 100,
 }  # fmt: skip
-OF_A_PLC = {
+IN_PLC = {
     "MAGIC", "ABI", "HEADER_SIZE", "SLOT_HEADER", "SLOT_STEP", "LANES", "PAGE", "PLC", "LAST", "RESTART_GAP",
     "FORGET", "LEFT_OUT", "MAX_DEPTH", "MAX_TYPE_NAME", "MAX_NAME", "RETRY_MS", "CLAIM_MS", "CONFIRM_MS", "RECOVER_MS",
 }  # fmt: skip
@@ -69,12 +69,12 @@ Places = dict[str, tuple[int, int]]
 AGREED: Places = {name: (offset, size) for name, (offset, size, _) in HEADER.items()}
 AGREED_SLOT: Places = {name: (offset, size) for name, (offset, size, _) in SLOT.items()}
 
-# --- Where the words stand, as each language itself says ----------------------------------------------
-# Each takes several tables at once, since one run of a compiler is as long as one of eighty.
+# --- The offsets of header fields, read from each language ---------------------------------------------
+# Each function takes several tables at once, because compiling one table takes as long as compiling eighty.
 
 
 def in_python(tables: Sequence[Sequence[HeaderField]], folder: Path) -> list[Places]:
-    """Where a word is read is seen in what is read: each byte is its own offset."""
+    """Return the offsets and sizes that Python reads with. Each byte of the data has its own offset as its value."""
     return [dict(read_in_python(words)) for words in tables]
 
 
@@ -85,8 +85,8 @@ def read_in_python(words: Sequence[HeaderField]) -> Iterator[tuple[str, tuple[in
 
 
 def in_c(tables: Sequence[Sequence[HeaderField]], folder: Path) -> list[Places]:
-    """What gcc makes of `shmgen.h`, whose names get a number by the preprocessor."""
-    lines, asked = ["#include <stdio.h>"], []
+    """Return the offsets and sizes that gcc computes. The preprocessor adds a number to each name in `shmgen.h`."""
+    lines, prints = ["#include <stdio.h>"], []
     for number, words in enumerate(tables):
         (text,) = render([region.plan("p", words)]).values()
         (folder / f"h{number}.h").write_text(text)
@@ -94,27 +94,27 @@ def in_c(tables: Sequence[Sequence[HeaderField]], folder: Path) -> list[Places]:
         lines += ["#undef SHMGEN_H", *renamed, f'#include "h{number}.h"']
         lines += [line.replace("#define", "#undef").rpartition(" ")[0] for line in renamed]
         place = 'printf("{0} {1} %zu %zu\\n", offsetof(region{0}, {1}), sizeof(((region{0} *)0)->{1}));'
-        asked += [place.format(number, word.name) for word in words]
-    found: list[Places] = [{} for _ in tables]
-    for line in ran(folder, [*lines, "int main(void) {", *asked, "}"]):
+        prints += [place.format(number, word.name) for word in words]
+    result: list[Places] = [{} for _ in tables]
+    for line in run_c(folder, [*lines, "int main(void) {", *prints, "}"]):
         number, name, offset, size = line.split()
-        found[int(number)][name] = int(offset), int(size)
-    return found
+        result[int(number)][name] = int(offset), int(size)
+    return result
 
 
-def ran(folder: Path, lines: Sequence[str]) -> list[str]:
-    """What a C program prints."""
+def run_c(folder: Path, lines: Sequence[str]) -> list[str]:
+    """Compile and run a C program. Return the lines that it prints."""
     (folder / "main.c").write_text("\n".join(lines) + "\n")
     subprocess.run(["gcc", "-std=c11", "-Wall", "-Werror", "-o", folder / "main", folder / "main.c"], check=True)
     return subprocess.run([folder / "main"], check=True, capture_output=True, text=True).stdout.splitlines()
 
 
 def in_st(tables: Sequence[Sequence[HeaderField]], folder: Path) -> list[Places]:
-    """What the soft PLC makes of the structures; by the names in C, which stand in the same table."""
+    """Return the offsets and sizes that the soft PLC computes, by the names in C, which the same table contains."""
     outputs = [common.words(f"ST_Header{number}", ("//",), words, 192) for number, words in enumerate(tables)]
     plc = compile_st(render(outputs))
     places = [plc.offsets[f"ST_HEADER{number}"] for number in range(len(tables))]
-    return [{word.name: there[word.st.upper()] for word in words} for words, there in zip(tables, places, strict=True)]
+    return [{word.name: part[word.st.upper()] for word in words} for words, part in zip(tables, places, strict=True)]
 
 
 def in_docs(tables: Sequence[Sequence[HeaderField]], folder: Path) -> list[Places]:
@@ -132,23 +132,23 @@ each_language = pytest.mark.parametrize("language", LANGUAGES)
 
 
 @each_language
-def test_every_word_is_where_it_was_agreed_to_be(language: str, tmp_path: Path) -> None:
-    (found,) = LANGUAGES[language]([abi.HEADER], tmp_path)
-    assert found == AGREED
+def test_header_fields_have_the_agreed_offsets(language: str, tmp_path: Path) -> None:
+    (places,) = LANGUAGES[language]([abi.HEADER], tmp_path)
+    assert places == AGREED
 
 
 @each_language
 @pytest.mark.family("[C]")
-def test_two_words_swapped_or_one_moved_are_seen(language: str, tmp_path: Path) -> None:
-    """Any two of one size, and each that has room behind it: no language goes on as agreed."""
-    wrong = [*swapped(), *moved()]
+def test_swapped_or_moved_header_fields_are_detected(language: str, tmp_path: Path) -> None:
+    """Swap any two fields of equal size, or move a field into free bytes: the offsets change in each language."""
+    wrong = [*with_swapped_fields(), *with_moved_field()]
     assert len(wrong) > 80
-    for found, words in zip(LANGUAGES[language](wrong, tmp_path), wrong, strict=True):
-        assert found == {word.name: (word.offset, word.size) for word in words}
-        assert found != AGREED
+    for places, words in zip(LANGUAGES[language](wrong, tmp_path), wrong, strict=True):
+        assert places == {word.name: (word.offset, word.size) for word in words}
+        assert places != AGREED
 
 
-def swapped() -> Iterator[list[HeaderField]]:
+def with_swapped_fields() -> Iterator[list[HeaderField]]:
     for one, other in itertools.combinations(range(len(abi.HEADER)), 2):
         a, b = abi.HEADER[one], abi.HEADER[other]
         if a.type == b.type:
@@ -157,21 +157,21 @@ def swapped() -> Iterator[list[HeaderField]]:
             yield words
 
 
-def moved() -> Iterator[list[HeaderField]]:
+def with_moved_field() -> Iterator[list[HeaderField]]:
     for place, word in enumerate(abi.HEADER):
         words = list(abi.HEADER)
         words[place] = word._replace(offset=word.offset + abi.SIZES[word.element])
         try:
             list(abi.with_reserved(words, 192))
         except ValueError:
-            continue  # and so it is no table at all
+            continue  # the moved field overlaps another field
         yield words
 
 
-# --- The rest of the agreement ------------------------------------------------------------------------
+# --- Numbers, and values of header fields ------------------------------------------------------------------------
 
 
-def test_the_table_itself() -> None:
+def test_abi_module_matches_the_agreed_tables() -> None:
     assert {word.name: (word.offset, word.size, word.st) for word in abi.HEADER} == HEADER
     assert {word.name: (word.offset, word.size, word.st) for word in abi.SLOT} == SLOT
     assert {number.name: number.value for number in abi.NUMBERS} == NUMBERS
@@ -183,14 +183,14 @@ def test_the_table_itself() -> None:
     ("offset", "type_", "reason"),
     [(178, "u32", "cannot lie at 178"), (170, "u16", "172 bytes are taken"), (192, "u32", "end cannot lie at 192")],
 )
-def test_what_is_no_table_is_refused(offset: int, type_: str, reason: str) -> None:
+def test_overlapping_header_fields_are_rejected(offset: int, type_: str, reason: str) -> None:
     words = sorted([*abi.HEADER, HeaderField(offset, type_, "more", "udiMore", "", "")])
     with pytest.raises(ValueError, match=reason):
         list(abi.with_reserved(words, 192))
 
 
 class Header(ctypes.LittleEndianStructure):
-    """By hand, as a program without shmgen would have it."""
+    """The header, written by hand as in a program without shmgen."""
 
     _pack_ = 1
     _fields_ = (
@@ -205,7 +205,7 @@ class Header(ctypes.LittleEndianStructure):
     )  # fmt: skip
 
 
-def test_the_runtime_reads_and_writes_what_ctypes_does() -> None:
+def test_runtime_packs_the_header_like_ctypes() -> None:
     numbers = {name: number for number, name in enumerate(HEADER, 1) if name != "type_name"}
     theirs = Header(type_name=b"geometry_msgs/msg/Pose", **numbers)
     ours = h.unpack(bytes(theirs), 4096)
@@ -214,50 +214,50 @@ def test_the_runtime_reads_and_writes_what_ctypes_does() -> None:
     assert ours.fixed == (4096, *(getattr(ours, name) for name in list(HEADER)[:9] if name != "writer"))
 
 
-def test_the_runtime_finds_the_words_that_change() -> None:
-    """It reads and writes them by numbers, in steps of four bytes, and of eight where two are one look."""
+def test_runtime_finds_the_fields_that_change() -> None:
+    """Compare the runtime's indexes of these fields with the table. An index counts units of four or eight bytes."""
     changing = ["writer", *list(HEADER)[9:]]
     assert {name: 4 * getattr(h, name.upper()) for name in changing} == {name: HEADER[name][0] for name in changing}
     assert (SLOT["stamp_ns"][0], SLOT["number"][0]) == (8 * h.STAMP, 8 * h.NUMBER)
-    made = [HEADER[name][:2] for name in list(HEADER)[:9] if name != "writer"]
-    assert [(place.start, place.stop - place.start) for place in h.MADE] == made
+    constant = [HEADER[name][:2] for name in list(HEADER)[:9] if name != "writer"]
+    assert [(place.start, place.stop - place.start) for place in h.MADE] == constant
 
 
-def test_a_publisher_writes_what_ctypes_reads(topic: str) -> None:
+def test_publisher_writes_what_ctypes_reads(topic: str) -> None:
     with PosePublisher(topic, depth=3) as publisher:
         for number in range(1, 6):
             publisher.publish(pose(float(number)))
         publisher.heartbeat()
         data = Path(f"/dev/shm/{region_name(topic)}").read_bytes()
-    found = Header.from_buffer_copy(data)
-    assert (found.magic, found.abi, found.header_size) == (0x474D4853, 2, 192)
-    assert (found.payload_size, found.slot_size, found.slots) == (56, 128, 4)
-    assert (found.completed0, found.completed1, found.turn, found.left) == (5, 0, 0, 0)
-    assert (found.heartbeat, found.lock_count) == (6, 5)
-    assert (found.lock_holder, found.recoveries, found.armed, found.missed, found.bell) == (0, 0, 0, 0, 0)
+    header = Header.from_buffer_copy(data)
+    assert (header.magic, header.abi, header.header_size) == (0x474D4853, 2, 192)
+    assert (header.payload_size, header.slot_size, header.slots) == (56, 128, 4)
+    assert (header.completed0, header.completed1, header.turn, header.left) == (5, 0, 0, 0)
+    assert (header.heartbeat, header.lock_count) == (6, 5)
+    assert (header.lock_holder, header.recoveries, header.armed, header.missed, header.bell) == (0, 0, 0, 0, 0)
     assert struct.unpack_from("<II7d", data, 192 + 5 % 4 * 128 + 8) == (5, 0, *7 * [5.0])
 
 
-def test_sizes_and_numbers_in_c(tmp_path: Path) -> None:
+def test_c_has_the_agreed_sizes_and_numbers(tmp_path: Path) -> None:
     (text,) = render([region.plan("p")]).values()
     (tmp_path / "shmgen.h").write_text(text)
     sizes = {"shmgen_region": 192, "shmgen_slot": 16}
-    asked = [f'printf("{name} %lld\\n", (long long)SHMGEN_{name});' for name in NUMBERS]
-    asked += [f'printf("{name} %zu\\n", sizeof({name}));' for name in sizes]
-    asked += [f'printf("{name} %zu\\n", offsetof(shmgen_slot, {name}));' for name in SLOT]
-    lines = ["#include <stdio.h>", '#include "shmgen.h"', "int main(void) {", *asked, "}"]
-    found = {name: int(value) for name, value in map(str.split, ran(tmp_path, lines))}
-    assert found == {**NUMBERS, **sizes, **{name: offset for name, (offset, *_) in SLOT.items()}}
+    prints = [f'printf("{name} %lld\\n", (long long)SHMGEN_{name});' for name in NUMBERS]
+    prints += [f'printf("{name} %zu\\n", sizeof({name}));' for name in sizes]
+    prints += [f'printf("{name} %zu\\n", offsetof(shmgen_slot, {name}));' for name in SLOT]
+    lines = ["#include <stdio.h>", '#include "shmgen.h"', "int main(void) {", *prints, "}"]
+    printed = {name: int(value) for name, value in map(str.split, run_c(tmp_path, lines))}
+    assert printed == {**NUMBERS, **sizes, **{name: offset for name, (offset, *_) in SLOT.items()}}
     assert set(re.findall(r"#define SHMGEN_(\w+) +[\dU]", text)) == set(NUMBERS)
 
 
-def test_sizes_and_numbers_in_structured_text() -> None:
+def test_structured_text_has_the_agreed_sizes_and_numbers() -> None:
     plc = compile_st(common_texts())
     assert (plc.sizes["ST_SHMHEADER"], plc.sizes["ST_SHMSLOT"]) == (192, 16)
     assert {name: plc.offsets["ST_SHMSLOT"][st.upper()] for name, (*_, st) in SLOT.items()} == AGREED_SLOT
-    found = plc.globals("GVL_Shm")
-    assert {name: getattr(found, name) for name in OF_A_PLC} == {name: NUMBERS[name] for name in OF_A_PLC}
-    assert plc.offsets["GVL_SHM"].keys() == OF_A_PLC | {"LOCKS"}
+    constants = plc.globals("GVL_Shm")
+    assert {name: getattr(constants, name) for name in IN_PLC} == {name: NUMBERS[name] for name in IN_PLC}
+    assert plc.offsets["GVL_SHM"].keys() == IN_PLC | {"LOCKS"}
 
 
 def common_texts() -> Mapping[str, str]:
@@ -265,25 +265,25 @@ def common_texts() -> Mapping[str, str]:
     return {path: text for path, text in texts.items() if "/ST_" in path or "/GVL_" in path}
 
 
-# --- Docs, and what else says numbers -----------------------------------------------------------------
+# --- Docs, and other texts with numbers ----------------------------------------------------------------
 
 PAGE = REPOSITORY / "docs" / "protocol.md"
 
 
-def test_the_tables_of_the_docs(update_golden: bool) -> None:
+def test_docs_contain_the_tables_of_the_abi(update_golden: bool) -> None:
     text = PAGE.read_text()
-    made = region_page.with_tables(text, region_page.tables())
+    updated = region_page.with_tables(text, region_page.tables())
     if update_golden:
-        PAGE.write_text(made)
-    assert text == made, "run `pytest --update-golden tests/test_abi.py`"
+        PAGE.write_text(updated)
+    assert text == updated, "run `pytest --update-golden tests/test_abi.py`"
     header, slot, numbers = region_page.tables()
     assert read_in_docs(header) == AGREED
     assert read_in_docs(slot) == AGREED_SLOT
-    shown = re.findall(r"\| `(\w+)` \| (16#)?(\w+)", "\n".join(numbers))
-    assert {name: int(value, 16 if base else 10) for name, base, value in shown} == NUMBERS
+    rows = re.findall(r"\| `(\w+)` \| (16#)?(\w+)", "\n".join(numbers))
+    assert {name: int(value, 16 if base else 10) for name, base, value in rows} == NUMBERS
 
 
-SAID = {
+SENTENCES = {
     "templates/st/E_ShmError.st": [
         "The block retries every {RETRY_MS} ms", "not in 1..{MAX_DEPTH}",
         "a topic has {MAX_NAME} characters at most after the first slash, a service or an action {MAX_CALL_NAME}",
@@ -298,24 +298,24 @@ SAID = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("path", SAID)
-def test_what_is_said_in_words(path: str) -> None:
+@pytest.mark.parametrize("path", SENTENCES)
+def test_sentences_state_the_agreed_numbers(path: str) -> None:
     text = " ".join((REPOSITORY / path).read_text().replace("//", " ").split())
-    for said in SAID[path]:
-        assert said.format(**NUMBERS) in text
+    for sentence in SENTENCES[path]:
+        assert sentence.format(**NUMBERS) in text
 
 
-def test_texts_of_the_blocks_have_room_for_all_they_hold() -> None:
+def test_strings_of_blocks_hold_the_longest_names() -> None:
     for path in sorted((REPOSITORY / "templates" / "st").glob("FB_*.st")):
-        for name, room in re.findall(r"^    (_?s\w+) +: STRING\((\d+)\)", path.read_text(), re.MULTILINE):
+        for name, length in re.findall(r"^    (_?s\w+) +: STRING\((\d+)\)", path.read_text(), re.MULTILINE):
             if name.endswith(("Type", "TypeName")):
-                assert int(room) == NUMBERS["MAX_TYPE_NAME"], f"{path.name}: {name}"
+                assert int(length) == NUMBERS["MAX_TYPE_NAME"], f"{path.name}: {name}"
             elif name in ("_sRegion", "_sEvent", "sTopic", "sName"):
-                assert int(room) == NUMBERS["MAX_NAME"] + len("-event"), f"{path.name}: {name}"
+                assert int(length) == NUMBERS["MAX_NAME"] + len("-event"), f"{path.name}: {name}"
 
 
-def test_nobody_says_a_number_himself() -> None:
-    """No word of a region by a bare number in Python, and no number of the agreement in hand-written blocks."""
+def test_source_code_contains_no_bare_number_of_the_abi() -> None:
+    """Reject bare numbers as indexes of header fields in Python, and numbers of the ABI in hand-written blocks."""
     for path in (REPOSITORY / "src" / "shmgen").rglob("*.py"):
         words = r"\b(words|quads|head)" if "runtime" in path.parts else r"\b(_words|\w\.words|quads)"
         assert not re.search(words + r"\[\d", path.read_text()), path
@@ -329,8 +329,8 @@ def test_nobody_says_a_number_himself() -> None:
 
 
 @pytest.mark.slow
-def test_a_new_counter_is_one_line(tmp_path: Path, topic: str) -> None:
-    """In a copy of the project all ends exchange samples, each counts in the new word what it reads, and all see it."""
+def test_adding_a_counter_takes_one_line(tmp_path: Path, topic: str) -> None:
+    """Add a header field in a copy of the project. Each endpoint counts its reads there, and all read the counts."""
     new_word.copy(tmp_path)
     ends = {"python": new_word.in_python(tmp_path, pure=True), "c": new_word.in_c(tmp_path)}
     ends["st"] = new_word.in_st(tmp_path)

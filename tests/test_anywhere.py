@@ -1,4 +1,4 @@
-"""The same input gives the same bytes under every Python that is found here, in another folder, language and time."""
+"""All installed Pythons generate the same bytes, also in another folder, locale and time zone."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ PLACES = {
 
 @cache
 def interpreter(version: str) -> str:
-    """A Python of that version: in PATH, or one that pyenv keeps. It must run, as a shim of pyenv may not."""
-    kept = sorted(Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")).glob(f"versions/{version}.*/bin/python"))
-    for found in (shutil.which(f"python{version}"), *kept):
-        command = [str(found), "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
-        if found and subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() == version:
-            return str(found)
+    """Return a Python of a version in PATH or from pyenv, or `""`. Run it, because a shim of pyenv may fail."""
+    pyenv = sorted(Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")).glob(f"versions/{version}.*/bin/python"))
+    for python in (shutil.which(f"python{version}"), *pyenv):
+        command = [str(python), "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
+        if python and subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() == version:
+            return str(python)
     return ""
 
 
 @pytest.fixture(scope="module")
-def pure(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What generating needs, of the packages installed here; the compiled parts of them are for this Python only.
+def packages_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The installed packages that generating needs, without their compiled parts, which fit only this Python.
 
-    rosbags wants numpy, but only this Python loads it: the others find its definitions in the cache.
+    rosbags needs numpy, but only this Python loads it: the others read its definitions from the cache.
     """
     folder = tmp_path_factory.mktemp("packages")
     import click
@@ -55,7 +55,7 @@ def pure(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for package in (click, jinja2, markupsafe, rosbags):
         source = Path(next(iter(package.__path__)))
         shutil.copytree(source, folder / source.name, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
-    # Python 3.10 has none of its own, but pip has.
+    # Python 3.10 has no tomllib, but pip contains tomli.
     (folder / "tomli.py").write_text("from pip._vendor.tomli import TOMLDecodeError, loads\n")
     return folder
 
@@ -81,19 +81,19 @@ def generate(python: str, folder: Path, packages: Path, environment: dict[str, s
 @pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
-def test_the_same_bytes(version: str, place: str, pure: Path, tmp_path: Path) -> None:
+def test_all_pythons_generate_the_same_bytes(version: str, place: str, packages_folder: Path, tmp_path: Path) -> None:
     python = interpreter(version)
     if not python:
         pytest.skip(f"no Python {version} here")
-    ours = generate(sys.executable, tmp_path / "ours", pure, {})
+    ours = generate(sys.executable, tmp_path / "ours", packages_folder, {})
     assert len(ours) > 40
-    assert generate(python, tmp_path / "a" / place, pure, PLACES[place]) == ours
-    shown = [message_of(which, tmp_path / "ours", pure) for which in (sys.executable, python)]
-    assert shown[0] == shown[1]
+    assert generate(python, tmp_path / "a" / place, packages_folder, PLACES[place]) == ours
+    outputs = [print_message(which, tmp_path / "ours", packages_folder) for which in (sys.executable, python)]
+    assert outputs[0] == outputs[1]
 
 
-def message_of(python: str, folder: Path, packages: Path) -> str:
-    """What a generated class holds and takes there. posix_ipc is compiled for one Python, and no region is opened."""
+def print_message(python: str, folder: Path, packages: Path) -> str:
+    """Return the output of a program with a generated class. A stub replaces posix_ipc, because no region is opened."""
     code = """
 import sys, types
 sys.modules["posix_ipc"] = types.SimpleNamespace(Semaphore=None, Error=OSError, ExistentialError=OSError)

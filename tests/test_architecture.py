@@ -1,4 +1,4 @@
-"""Who may import whom, what a template may hold, and that codes, docs and error folders are one set."""
+"""Imports follow the architecture, templates contain no logic, and each error code has a description and a test."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .conftest import REPOSITORY
 SOURCE = REPOSITORY / "src" / "shmgen"
 TEMPLATES = sorted((REPOSITORY / "templates").rglob("*.j2"))
 
-# Room, a folder of src/shmgen -> the rooms it may import. Each stands above all that it imports.
+# Package (a folder of src/shmgen) -> the packages that it may import. The graph has no cycle.
 ARROWS: dict[str, set[str]] = {
     "core": set(),
     "definitions": {"core"},
@@ -40,7 +40,7 @@ ARROWS: dict[str, set[str]] = {
     "__init__": set(),
     "__main__": {"cli", "drift"},
 }
-# A folder within a room -> what else of its room it may import; the room's own modules may import all of it.
+# Folder in a package -> its other folders that it may import. Modules beside these folders may import all of them.
 INNER_ARROWS: dict[str, set[str]] = {
     "bridge/codec": set(),
     "bridge/common": {"backend", "codec"},
@@ -54,8 +54,8 @@ INNER_ARROWS: dict[str, set[str]] = {
     "tools/watch": {"messages"},
     "tools/doctor": set(),
 }
-ROOMS, DRAWN, LOOSE, ENTRIES = 20, 70, 6, 18
-"""At most so many rooms, arrows between them, modules beside them, and entries of bridge, runtime and tools."""
+PACKAGES, IMPORTS, MODULES, ENTRIES = 20, 70, 6, 18
+"""The limits: packages, imports between them, modules beside them, and entries of bridge, runtime and tools each."""
 ONLY_IN = {
     "click": {"cli"},
     "jinja2": {"generator"},
@@ -78,26 +78,26 @@ ONLY_IN = {
 }
 
 
-def room(path: Path) -> str:
+def package_of(path: Path) -> str:
     return path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
 
 def imports(path: Path) -> set[str]:
-    """Dotted names of all modules a file imports, wherever in it."""
-    found: set[str] = set()
+    """Return the dotted names of all modules that a file imports, also inside functions."""
+    names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             assert node.module
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
 
 
 @pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCE)))
-def test_imports_follow_the_arrows(path: Path) -> None:
-    here = room(path)
+def test_imports_follow_the_architecture(path: Path) -> None:
+    here = package_of(path)
     inner = "/".join(path.relative_to(SOURCE).parts[:2])
     for name in imports(path):
         first, *others = name.split(".")
@@ -110,14 +110,14 @@ def test_imports_follow_the_arrows(path: Path) -> None:
             assert here in ONLY_IN[first], f"{here} imports {name}"
 
 
-def test_the_arrows_go_down() -> None:
+def test_allowed_imports_have_no_cycle() -> None:
     for inner in INNER_ARROWS:
         assert (SOURCE / inner).is_dir(), inner
     for arrows in (ARROWS, {key.partition("/")[2]: to for key, to in INNER_ARROWS.items()}):
         TopologicalSorter(arrows).prepare()  # raises CycleError
 
 
-def test_no_two_modules_import_each_other() -> None:
+def test_modules_have_no_import_cycle() -> None:
     modules = {".".join(path.relative_to(SOURCE.parent).with_suffix("").parts): path for path in SOURCE.rglob("*.py")}
     arrows = {}
     for module, path in modules.items():
@@ -126,18 +126,18 @@ def test_no_two_modules_import_each_other() -> None:
     TopologicalSorter(arrows).prepare()
 
 
-def test_the_plan_fits_a_head() -> None:
-    drawn = sum(len(to - {"", "_alarm", "_core"}) for to in ARROWS.values())
-    assert len(ARROWS) <= ROOMS
-    assert drawn <= DRAWN
-    assert len(list(SOURCE.glob("*.py"))) <= LOOSE
+def test_architecture_stays_small() -> None:
+    imports_between = sum(len(to - {"", "_alarm", "_core"}) for to in ARROWS.values())
+    assert len(ARROWS) <= PACKAGES
+    assert imports_between <= IMPORTS
+    assert len(list(SOURCE.glob("*.py"))) <= MODULES
     for name in ("bridge", "runtime", "tools"):
         entries = [entry for entry in (SOURCE / name).iterdir() if entry.name != "__pycache__"]
         assert len(entries) <= ENTRIES, name
 
 
-def test_the_configuration_loads_no_target() -> None:
-    """It takes the keys of targets from the one tuple, and knows no more of them."""
+def test_config_loads_no_target() -> None:
+    """Load only shmgen.targets, whose tuple contains the names of all targets."""
     code = "import sys, shmgen.config; print(*[name for name in sys.modules if name.startswith('shmgen.targets')])"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.split() == ["shmgen.targets"]
@@ -151,8 +151,8 @@ def test_runtime_loads_only_the_standard_library_and_posix_ipc() -> None:
     bare = subprocess.run(
         [sys.executable, "-I", "-c", code.replace(", shmgen.runtime", "")], check=True, capture_output=True, text=True
     ).stdout.split()
-    foreign = set(loaded) - set(bare) - set(sys.stdlib_module_names)
-    assert foreign <= {"shmgen", "posix_ipc"}
+    third_party = set(loaded) - set(bare) - set(sys.stdlib_module_names)
+    assert third_party <= {"shmgen", "posix_ipc"}
 
 
 ALLOWED = (
@@ -169,7 +169,7 @@ ALLOWED = (
 
 
 @pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: str(path.relative_to(REPOSITORY / "templates")))
-def test_templates_hold_text_and_holes_only(path: Path) -> None:
+def test_templates_contain_no_logic(path: Path) -> None:
     tree = Environment().parse(path.read_text())
     for node in tree.find_all(nodes.Node):
         assert isinstance(node, ALLOWED), f"{path.name}:{node.lineno}: {type(node).__name__}"
@@ -181,13 +181,13 @@ def test_templates_hold_text_and_holes_only(path: Path) -> None:
             assert isinstance(node.value, str), f"{path.name}:{node.lineno}: only a template's name is a constant"
 
 
-def test_codes_docs_and_error_folders_are_the_same_set() -> None:
+def test_each_error_code_has_a_description_and_a_test() -> None:
     documented = re.findall(r"^## (SHM\d{3}) (.+)$", (SOURCE / "diagnostics.md").read_text(), re.MULTILINE)
     assert dict(documented) == CODES
-    shown = {folder.name.partition("_")[0] for folder in (REPOSITORY / "tests" / "errors").iterdir() if folder.is_dir()}
-    assert shown == set(CODES)
+    tests = {folder.name.partition("_")[0] for folder in (REPOSITORY / "tests" / "errors").iterdir() if folder.is_dir()}
+    assert tests == set(CODES)
 
 
-def test_no_file_outgrows_a_head() -> None:
+def test_modules_stay_below_400_lines() -> None:
     for path in SOURCE.rglob("*.py"):
         assert len(path.read_text().splitlines()) <= 400, path

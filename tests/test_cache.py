@@ -1,4 +1,4 @@
-"""What is kept to save time: whose it must be to count, and how it is turned off."""
+"""The cache uses only files of its own user, and an option or a variable disables it."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from shmgen.definitions import store
 
 from .support.command import run
 
-NOBODY, STRANGER = 65534, 65533
-root_only = pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become somebody else")
+NOBODY, OTHER = 65534, 65533
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become another user")
 
 
 @pytest.fixture
 def base() -> Iterator[Path]:
-    """A folder as XDG_CACHE_HOME that every user reaches."""
+    """A folder for XDG_CACHE_HOME that every user can write to."""
     folder = Path(tempfile.mkdtemp(prefix="shmgen-cache-"))
     folder.chmod(0o777)
     yield folder
@@ -40,15 +40,15 @@ def folder(base: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return base / "shmgen"
 
 
-def as_user(uid: int, work: str) -> str:
-    """What some lines of Python print when another user runs them."""
+def run_as_user(uid: int, work: str) -> str:
+    """Execute lines of Python as another user. Return their output."""
     code = (
         f"import os, sys\nfrom shmgen.core import cache\nos.setgroups([]); os.setgid({uid}); os.setuid({uid})\n{work}"
     )
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
 
-def test_what_is_kept_is_found_again(folder: Path) -> None:
+def test_cache_returns_the_written_entry(folder: Path) -> None:
     assert cache.read("a") is None
     cache.write("a", b"one\ntwo\0")
     assert cache.read("a") == b"one\ntwo\0"
@@ -72,41 +72,41 @@ def test_what_is_kept_is_found_again(folder: Path) -> None:
     ],
     ids=["cut", "junk", "group", "others", "folder-group", "folder-others", "link", "folder-link", "fifo", "folder"],
 )
-def test_what_another_might_have_written_does_not_count(folder: Path, spoil: Callable[[Path], object]) -> None:
+def test_cache_ignores_files_that_others_could_write(folder: Path, spoil: Callable[[Path], object]) -> None:
     cache.write("a", b"kept")
     spoil(folder / "a")
     assert cache.read("a") is None
 
 
 @root_only
-@pytest.mark.parametrize(("whose", "reader"), [(NOBODY, 0), (STRANGER, NOBODY), (0, NOBODY)])
-def test_what_belongs_to_another_user_does_not_count(folder: Path, whose: int, reader: int) -> None:
+@pytest.mark.parametrize(("owner", "reader"), [(NOBODY, 0), (OTHER, NOBODY), (0, NOBODY)])
+def test_cache_ignores_files_of_another_user(folder: Path, owner: int, reader: int) -> None:
     cache.write("a", b"kept")
     folder.chmod(0o755)
     (folder / "a").chmod(0o644)
-    told = "print(cache.read('a'))"
+    read_entry = "print(cache.read('a'))"
     for path in (folder, folder / "a"):
         os.chown(path, reader, reader)
-    assert as_user(reader, told) == "b'kept'\n"
-    os.chown(folder / "a", whose, whose)
-    assert as_user(reader, told) == "None\n"
+    assert run_as_user(reader, read_entry) == "b'kept'\n"
+    os.chown(folder / "a", owner, owner)
+    assert run_as_user(reader, read_entry) == "None\n"
     os.chown(folder / "a", reader, reader)
-    os.chown(folder, whose, whose)
-    assert as_user(reader, told) == "None\n"
+    os.chown(folder, owner, owner)
+    assert run_as_user(reader, read_entry) == "None\n"
 
 
 @pytest.mark.slow
 @root_only
-def test_what_another_user_planted_never_counts(base: Path, folder: Path) -> None:
-    """Root's own cache, on the other hand, is used: so what was planted would have counted."""
+def test_root_ignores_a_cache_of_another_user(base: Path, folder: Path) -> None:
+    """Read the same content from root's own cache, which proves that the content would have had an effect."""
     command = [sys.executable, "-m", "shmgen", "show", "std_msgs/Empty"]
     name = store._cache_name("jazzy")
     content = json.dumps(store.texts("jazzy") | {"std_msgs/msg/Empty": "int8 planted\n"}).encode()
     shutil.rmtree(folder)
-    as_user(NOBODY, f"cache.write({name!r}, {content!r})")
+    run_as_user(NOBODY, f"cache.write({name!r}, {content!r})")
     assert folder.stat().st_uid == NOBODY
     assert "planted" not in subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert [file.name for file in folder.iterdir()] == [name], "root keeps nothing with a stranger"
+    assert [file.name for file in folder.iterdir()] == [name], "root writes nothing into a folder of another user"
 
     shutil.rmtree(folder)
     cache.write(name, content)
@@ -114,18 +114,18 @@ def test_what_another_user_planted_never_counts(base: Path, folder: Path) -> Non
 
 
 @root_only
-def test_root_makes_no_folder_in_the_home_of_another(base: Path, folder: Path) -> None:
+def test_root_creates_no_cache_in_the_home_of_another_user(base: Path, folder: Path) -> None:
     home = base / "home"
     home.mkdir()
     os.chown(home, NOBODY, NOBODY)
-    os.environ["XDG_CACHE_HOME"] = str(home / "not" / "yet")  # monkeypatch puts it back
+    os.environ["XDG_CACHE_HOME"] = str(home / "not" / "yet")  # monkeypatch restores the variable
     cache.write("a", b"kept")
     assert list(home.iterdir()) == []
-    as_user(NOBODY, "cache.write('a', b'kept')")
+    run_as_user(NOBODY, "cache.write('a', b'kept')")
     assert (home / "not" / "yet" / "shmgen" / "a").stat().st_uid == NOBODY
 
 
-def test_only_the_newest_are_kept(folder: Path) -> None:
+def test_forget_keeps_the_newest_entries(folder: Path) -> None:
     for number in range(5):
         cache.write(f"x-{number}", b"")
         os.utime(folder / f"x-{number}", ns=(0, time.time_ns() + number))
@@ -134,13 +134,13 @@ def test_only_the_newest_are_kept(folder: Path) -> None:
     assert sorted(file.name for file in folder.iterdir()) == ["other", "x-3", "x-4"]
 
 
-def test_an_entry_that_another_process_removes_meanwhile_is_no_error(folder: Path) -> None:
-    """A link to a missing file fails like an entry that vanishes between the listing and its stat()."""
+def test_forget_accepts_an_entry_that_vanishes(folder: Path) -> None:
+    """Use a link to a missing file: its stat() fails as for an entry that vanished after the listing."""
     cache.write("x-0", b"")
     cache.write("x-1", b"")
     (folder / "x-2").symlink_to("missing")
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # a folder that is not closed
+        warnings.simplefilter("error")  # a ResourceWarning for an unclosed folder is an error
         cache.forget("x-", 2)
     assert len(list(folder.iterdir())) == 2
 
@@ -155,40 +155,40 @@ COMMANDS = (
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
-def test_it_can_be_turned_off(
+def test_option_and_variable_disable_the_cache(
     folder: Path, tmp_path: Path, command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(["generate", "std_msgs/Empty"], tmp_path)
     shutil.rmtree(folder)
-    time.sleep(0.05)  # what was just written is not remembered as clean
-    with_it = run(command, tmp_path)
-    doctor = command == ("doctor",)  # whose answer is of the machine's regions, which others make and remove
-    assert with_it.code == 0 or doctor
-    kept = folder.exists() and {file: file.read_bytes() for file in folder.iterdir()}
-    assert kept or doctor
+    time.sleep(0.05)  # the cache records no result for files that were just written
+    with_cache = run(command, tmp_path)
+    doctor = command == ("doctor",)  # its output depends on regions of other processes
+    assert with_cache.code == 0 or doctor
+    entries = folder.exists() and {file: file.read_bytes() for file in folder.iterdir()}
+    assert entries or doctor
     shutil.rmtree(folder, ignore_errors=True)
-    assert run([*command, "--no-cache"], tmp_path) == with_it or doctor
+    assert run([*command, "--no-cache"], tmp_path) == with_cache or doctor
     assert not folder.exists()
     assert cache.OFF not in os.environ
     monkeypatch.setenv(cache.OFF, "1")
-    assert run(command, tmp_path) == with_it or doctor
+    assert run(command, tmp_path) == with_cache or doctor
     assert not folder.exists()
 
 
 @pytest.mark.slow
-def test_a_check_without_cache_is_made_in_full(folder: Path, tmp_path: Path) -> None:
-    """Not answered from what was remembered, which is told apart here by a word of its own."""
+def test_check_without_cache_compares_all_files(folder: Path, tmp_path: Path) -> None:
+    """Replace a word of the cached answer. Only a check with the cache prints the new word."""
     run(["generate", "std_msgs/Empty"], tmp_path)
     time.sleep(0.05)
     shmgen = [sys.executable, "-m", "shmgen", "check"]
 
-    def said(*more: str, **environment: str) -> str:
+    def check_output(*more: str, **environment: str) -> str:
         variables = {**os.environ, **environment}
         command = [*shmgen, *more]
         return subprocess.run(command, cwd=tmp_path, env=variables, capture_output=True, text=True, check=True).stdout
 
-    usual = said()
-    (kept,) = (file for file in folder.iterdir() if file.name.startswith("clean-"))
-    cache.write(kept.name, (cache.read(kept.name) or b"").replace(b"up to date", b"remembered"))
-    assert said() == usual.replace("up to date", "remembered")
-    assert said("--no-cache") == said(SHMGEN_NO_CACHE="1") == usual
+    usual = check_output()
+    (entry,) = (file for file in folder.iterdir() if file.name.startswith("clean-"))
+    cache.write(entry.name, (cache.read(entry.name) or b"").replace(b"up to date", b"remembered"))
+    assert check_output() == usual.replace("up to date", "remembered")
+    assert check_output("--no-cache") == check_output(SHMGEN_NO_CACHE="1") == usual

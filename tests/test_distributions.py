@@ -1,4 +1,4 @@
-"""shmgen-runtime holds all that generated code loads, and generated code says what it needs where that is missing."""
+"""shmgen-runtime contains all modules that generated code loads. Wheels contain compiled templates."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ LOADED = (
 
 
 PROJECT = tomllib.loads((REPOSITORY / "packaging/shmgen-runtime/pyproject.toml").read_text())
-HELD = tuple(
+PACKAGED = tuple(
     (REPOSITORY / "packaging/shmgen-runtime" / path).resolve()
     for path in PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
 )
 
 
-def test_it_holds_what_the_runtime_loads() -> None:
+def test_runtime_package_contains_all_loaded_modules() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True, cwd=REPOSITORY)
     for file in map(Path, done.stdout.split()):
         if file.suffix == ".so":  # hatch_build.py adds it
             continue
-        assert any(file == path or path in file.parents for path in HELD), file
+        assert any(file == path or path in file.parents for path in PACKAGED), file
     dependencies = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
     assert set(PROJECT["project"]["dependencies"]) <= {line.partition(";")[0] for line in dependencies}
 
 
-def test_beside_the_generated_code_it_needs_posix_ipc_only(tmp_path: Path, topic: str) -> None:
-    """In a Python that knows no shmgen. One that does uses its own, which may be quicker."""
+def test_runtime_beside_generated_code_needs_only_posix_ipc(tmp_path: Path, topic: str) -> None:
+    """Use the copy in a Python without shmgen. A Python with shmgen uses its own runtime, which may be compiled."""
     (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/Int32"]\nruntime = "beside"\ntargets = ["python"]\n')
     subprocess.run([sys.executable, "-m", "shmgen", "generate", "--quiet"], check=True, cwd=tmp_path)
     generated = tmp_path / "generated" / "python"
@@ -65,23 +65,23 @@ import shmgen.runtime
 print(shmgen.runtime.__file__)
 """
     paths = f"import sys; sys.path[:0] = [{str(generated)!r}, {str(other)!r}]\n"
-    alone = subprocess.run([sys.executable, "-I", "-S", "-c", paths + code], capture_output=True, text=True)
-    assert alone.stdout.split() == ["7", f"{generated}/shm_msgs/_beside/shmgen/runtime/__init__.py"], alone.stderr
+    bare = subprocess.run([sys.executable, "-I", "-S", "-c", paths + code], capture_output=True, text=True)
+    assert bare.stdout.split() == ["7", f"{generated}/shm_msgs/_beside/shmgen/runtime/__init__.py"], bare.stderr
     installed = subprocess.run([sys.executable, "-c", paths + code], capture_output=True, text=True)
     assert installed.stdout.split() == ["7", f"{REPOSITORY}/src/shmgen/runtime/__init__.py"], installed.stderr
-    held = {path for one in HELD for path in ([one] if one.suffix == ".py" else one.rglob("*.py"))}
+    files = {file for path in PACKAGED for file in ([path] if path.suffix == ".py" else path.rglob("*.py"))}
     beside = generated / "shm_msgs" / "_beside"
     assert {path.relative_to(beside) for path in beside.rglob("*.py")} == {
-        path.relative_to(REPOSITORY / "src") for path in held
+        path.relative_to(REPOSITORY / "src") for path in files
     }
 
 
-def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As PyPI shows it: no link is relative any more, and each leads to a file, a folder, or bytes of a picture."""
+def test_links_of_the_readme_on_pypi_are_absolute(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reject relative links. Each link to the repository names an existing file or folder, or a picture's bytes."""
     monkeypatch.setenv("SHMGEN_REPOSITORY", "https://example.org/shmgen/")
-    made = {"version": "1.2.3"}
-    build_hook().Metadata(str(REPOSITORY), {}).update(made)
-    links = re.findall(r"\]\(([^)\s]+)\)", made["readme"]["text"])
+    metadata = {"version": "1.2.3"}
+    build_hook().Metadata(str(REPOSITORY), {}).update(metadata)
+    links = re.findall(r"\]\(([^)\s]+)\)", metadata["readme"]["text"])
     ours = [link.removeprefix("https://example.org/shmgen/") for link in links if "example.org" in link]
     assert len(ours) > 20
     assert not [link for link in links if "://" not in link and not link.startswith("#")]
@@ -89,7 +89,7 @@ def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPa
         kind, path = re.fullmatch(r"(raw|blob|tree)/v1\.2\.3/([^#]+).*", link).groups()
         assert (REPOSITORY / path).is_dir() == (kind == "tree"), link
         assert (kind == "raw") == path.endswith((".svg", ".gif")), link
-    assert made["urls"]["Changelog"] == "https://example.org/shmgen/blob/v1.2.3/CHANGELOG.md"
+    assert metadata["urls"]["Changelog"] == "https://example.org/shmgen/blob/v1.2.3/CHANGELOG.md"
 
 
 @pytest.mark.parametrize(
@@ -100,22 +100,22 @@ def test_links_of_the_readme_lead_to_the_repository(monkeypatch: pytest.MonkeyPa
         (sys, "platform", "darwin"),
     ],
 )
-def test_the_extension_is_compiled_for_no_other_python(
+def test_extension_is_compiled_only_for_cpython_on_linux(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of: object, name: str, value: object
 ) -> None:
     compiled = build_hook().build_extension
     monkeypatch.delenv("SHMGEN_PURE", raising=False)
-    with monkeypatch.context() as there:
-        there.setattr(of, name, value)
+    with monkeypatch.context() as other_python:
+        other_python.setattr(of, name, value)
         note = compiled(tmp_path / "_core.abi3.so")
     assert (note, [*tmp_path.iterdir()]) == ("the extension is for CPython with its lock, on Linux", [])
 
 
-def test_a_wheel_needs_no_text_of_its_templates_and_no_jinja(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are compiled when it is built, and print the same."""
+def test_wheel_generates_without_jinja(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Render with the templates that the build compiled into Python. The output is the same."""
     pose = Config(tmp_path, messages=("geometry_msgs/Pose",))
     texts = pipeline.generate(pose, pose.messages)
-    ((made, place),) = build_hook().compiled_templates(tmp_path).items()
+    ((module, place),) = build_hook().compiled_templates(tmp_path).items()
     assert place == "shmgen/generator/printers.py"
     templates = tmp_path / "templates"
     shutil.copytree(render.template_folder(), templates, ignore=shutil.ignore_patterns("*.j2"))
@@ -127,7 +127,7 @@ def test_a_wheel_needs_no_text_of_its_templates_and_no_jinja(tmp_path: Path, mon
     with pytest.raises((ImportError, KeyError)):
         pipeline.generate(pose, pose.messages)
     printers = ModuleType(render.RENDERERS_MODULE)
-    exec(Path(made).read_text(), vars(printers))
+    exec(Path(module).read_text(), vars(printers))
     monkeypatch.setitem(sys.modules, render.RENDERERS_MODULE, printers)
     assert pipeline.generate(pose, pose.messages) == texts
 
@@ -135,14 +135,14 @@ def test_a_wheel_needs_no_text_of_its_templates_and_no_jinja(tmp_path: Path, mon
 @pytest.mark.parametrize(
     "text", ["{{ view.a | upper }}", "{% for a, b in view %}{% endfor %}", "{% if view == 1 %}{% endif %}"]
 )
-def test_a_template_with_logic_is_not_compiled(tmp_path: Path, text: str) -> None:
+def test_template_with_logic_is_rejected(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.j2").write_text(text)
     with pytest.raises(ValueError, match="a template holds "):
         compile_templates(tmp_path)
 
 
-def test_a_template_in_python_prints_what_stands_there(tmp_path: Path) -> None:
-    """Quotes, braces and signs as they are; a loop within a loop may have the name of the outer one."""
+def test_compiled_template_prints_its_text_unchanged(tmp_path: Path) -> None:
+    """Copy quotes, braces and special characters. A nested loop may use the variable name of the outer loop."""
     loops = "{% for x in view.a %}{% for x in x.b %}{{ x }}{% endfor %}{{ x.c }}{% endfor %}\n"
     text = "'\"\"\"{ñ}\\n\t{{ '{{' }}{% if view.no %}no{% else %}yes{% endif %}" + loops
     (tmp_path / "a.j2").write_text(text)
@@ -152,10 +152,10 @@ def test_a_template_in_python_prints_what_stands_there(tmp_path: Path) -> None:
     assert scope["PRINTERS"]["a.j2"](view) == '\'"""{ñ}\\n\t{{yes12cd'
 
 
-def test_generated_code_without_it_says_what_it_needs(tmp_path: Path) -> None:
+def test_generated_code_names_the_missing_runtime(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "shmgen", "generate", "-q", "-t", "python", "std_msgs/Bool"]
     subprocess.run(command, cwd=tmp_path, check=True)
     code = "import sys; sys.path[:0] = ['generated/python']; import shm_msgs.std_msgs.msg"
     done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, cwd=tmp_path)
-    said = "shm_msgs needs shmgen: install shmgen, or shmgen-runtime alone, into this Python"
-    assert done.stderr.splitlines()[-1] == f"ModuleNotFoundError: {said}"
+    message = "shm_msgs needs shmgen: install shmgen, or shmgen-runtime alone, into this Python"
+    assert done.stderr.splitlines()[-1] == f"ModuleNotFoundError: {message}"

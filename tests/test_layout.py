@@ -1,4 +1,4 @@
-"""Bytes: slots tile, and Layout = ctypes = gcc, over random schemas."""
+"""The layout of random messages has no gaps, and ctypes and gcc compute the same layout."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ OPTIONS = st.builds(
 NUMBER = itertools.count()
 
 
-def one(*fields: tuple[str, object]) -> Layout:
+def layout_with(*fields: tuple[str, object]) -> Layout:
     span = Span("one.msg")
     name = TypeName("one_msgs", "msg", "One")
-    made = tuple(Field(field, type_, "", span) for field, type_ in fields)  # type: ignore[arg-type]
-    return layouts_of(Schema((Message(name, made, (), span, "", ""),), frozenset({name})))[name]
+    members = tuple(Field(field, type_, "", span) for field, type_ in fields)  # type: ignore[arg-type]
+    return layouts_of(Schema((Message(name, members, (), span, "", ""),), frozenset({name})))[name]
 
 
 @pytest.mark.slow
 @given(schemas(), OPTIONS)
-def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
+def test_slots_cover_the_message_without_gaps(schema: Schema, options: TypeOptions) -> None:
     for layout in layouts_of(schema, options).values():
         end = 0
         for slot in layout.slots:
@@ -66,7 +66,7 @@ def test_slots_tile_the_message(schema: Schema, options: TypeOptions) -> None:
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(schemas(), OPTIONS, st.integers())
-def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, options: TypeOptions, seed: int) -> None:
+def test_ctypes_agrees_and_keeps_values(tmp_path: Path, schema: Schema, options: TypeOptions, seed: int) -> None:
     layouts = layouts_of(schema, options)
     package = f"random{next(NUMBER)}"
     put(texts_of(layouts, "python", package), tmp_path)
@@ -82,7 +82,7 @@ def test_ctypes_agrees_and_values_survive(tmp_path: Path, schema: Schema, option
 
 
 def plain_fields(layout: Layout) -> list[str]:
-    """Those that can be set from foreign objects: a nested ctypes structure takes only its own kind."""
+    """Return the fields that a constructor accepts from foreign objects: all except nested ctypes structures."""
     data = [slot for slot in layout.slots if slot.role is Role.DATA]
     return [slot.name for slot in data if slot.count is not None or not isinstance(slot.type, Ref)]
 
@@ -94,25 +94,25 @@ def assert_same_bytes(kind: type[ctypes.Structure], layout: Layout) -> None:
 
 
 @pytest.mark.slow
-def test_gcc_agrees_with_random_schemas(tmp_path: Path) -> None:
-    """One compile for many schemas: a compiler inside a shrinking loop takes minutes for one failure."""
-    made: list[tuple[Layouts, str]] = []
+def test_gcc_has_the_same_layout_of_random_schemas(tmp_path: Path) -> None:
+    """Compile many schemas at once: a compiler inside a shrinking loop takes minutes for one failure."""
+    examples: list[tuple[Layouts, str]] = []
 
     @settings(max_examples=40, database=None, derandomize=True)
     @given(schemas(), OPTIONS)
     def collect(schema: Schema, options: TypeOptions) -> None:
-        made.append((layouts_of(schema, options), f"random_c{len(made)}"))
+        examples.append((layouts_of(schema, options), f"random_c{len(examples)}"))
 
     collect()
-    # All have the same message names; one translation unit needs others.
-    for layouts, package in made:
+    # All schemas have the same message names, but one translation unit needs different names.
+    for layouts, package in examples:
         texts = texts_of(layouts, "c", package)
         put({path: text.replace("random_msgs_", f"{package}_") for path, text in texts.items()}, tmp_path)
     for language in ("c", "c++"):
         compile_headers(tmp_path, language)
 
 
-def test_pose_is_where_the_paper_has_it() -> None:
+def test_pose_has_the_offsets_of_the_paper() -> None:
     from shmgen.config import Config
     from shmgen.generator import pipeline
 
@@ -125,8 +125,8 @@ def test_pose_is_where_the_paper_has_it() -> None:
     assert [slot.offset + 24 for slot in orientation.slots] == [24, 32, 40, 48]
 
 
-def test_erratum_of_table_1() -> None:
-    """The paper prints uint16 as UDINT and uint32 as UINT; in IEC 61131-3 UINT has 16 bits and UDINT 32."""
+def test_iec_types_correct_the_erratum_of_table_1() -> None:
+    """Use UINT for 16 bits and UDINT for 32 bits, as in IEC 61131-3. The paper's table exchanges them."""
     assert (Scalar.UINT16.iec, Scalar.UINT16.size) == ("UINT", 2)
     assert (Scalar.UINT32.iec, Scalar.UINT32.size) == ("UDINT", 4)
 
@@ -135,7 +135,7 @@ def test_erratum_of_table_1() -> None:
     ("payload", "slots", "size"),
     [(56, 2, 4096), (1, 2, 4096), (944, 2, 4096), (945, 2, 8192), (2**20, 2, 4_198_400), (56, 64, 20480)],
 )
-def test_a_region_is_whole_pages(payload: int, slots: int, size: int) -> None:
+def test_region_size_is_a_multiple_of_the_page_size(payload: int, slots: int, size: int) -> None:
     assert region_size(payload, slots) == size
 
 
@@ -147,29 +147,29 @@ def test_a_region_is_whole_pages(payload: int, slots: int, size: int) -> None:
         TypeName("longest_msgs", "msg", "N" * (95 - len("longest_msgs/msg/"))),
     ],
 )
-def test_names_of_real_packages_have_room(name: TypeName) -> None:
-    assert layouts_of(empty(name))[name].name == name
+def test_names_of_real_packages_fit_into_the_header(name: TypeName) -> None:
+    assert layouts_of(schema_without_fields(name))[name].name == name
 
 
-def test_a_name_without_room_in_the_header_is_refused() -> None:
+def test_type_name_longer_than_95_bytes_is_rejected() -> None:
     name = TypeName("longest_msgs", "msg", "N" * (96 - len("longest_msgs/msg/")))
     with pytest.raises(Rejected) as rejected:
-        layouts_of(empty(name))
-    (found,) = rejected.value.diagnostics
-    assert (found.code, found.message) == ("SHM202", f"{name} has more than 95 bytes, the limit of a type name")
+        layouts_of(schema_without_fields(name))
+    (error,) = rejected.value.diagnostics
+    assert (error.code, error.message) == ("SHM202", f"{name} has more than 95 bytes, the limit of a type name")
 
 
-def empty(name: TypeName) -> Schema:
+def schema_without_fields(name: TypeName) -> Schema:
     return Schema((Message(name, (), (), Span(f"{name.name}.msg"), "", ""),), frozenset({name}))
 
 
-def test_a_region_of_just_the_size_allowed() -> None:
-    layout = one(("a", Array(Scalar.UINT8, 5000)))
+def test_region_may_have_exactly_the_largest_size() -> None:
+    layout = layout_with(("a", Array(Scalar.UINT8, 5000)))
     size = region_size(layout.size)
     for most, codes in ((size, []), (size - 1, ["SHM303"])):
         report = Report()
         check_size(layout, most, report)
-        assert [found.code for found in report.diagnostics] == codes
+        assert [diagnostic.code for diagnostic in report.diagnostics] == codes
 
 
 VALUES = [
@@ -185,18 +185,18 @@ VALUES = [
 ]
 
 
-@pytest.mark.parametrize(("declared", "said"), VALUES)
-def test_a_value_up_to_its_bound(declared: Field | Constant, said: str) -> None:
+@pytest.mark.parametrize(("declared", "reason"), VALUES)
+def test_defaults_and_constants_must_fit_their_bounds(declared: Field | Constant, reason: str) -> None:
     name = TypeName("one_msgs", "msg", "One")
     fields = (declared,) if isinstance(declared, Field) else ()
     message = Message(name, fields, () if fields else (declared,), Span("one.msg"), "", "")  # type: ignore[arg-type]
     try:
         layouts_of(Schema((message,), frozenset({name})), TypeOptions(encoding="latin-1"))
-        found = ""
+        error = ""
     except Rejected as rejected:
-        found = rejected.diagnostics[0].message
-    assert found.startswith(said)
-    assert bool(found) == bool(said)
+        error = rejected.diagnostics[0].message
+    assert error.startswith(reason)
+    assert bool(error) == bool(reason)
 
 
 BASE = (("a", Scalar.UINT8), ("b", Scalar.FLOAT64), ("c", String(10)))
@@ -213,12 +213,12 @@ BASE = (("a", Scalar.UINT8), ("b", Scalar.FLOAT64), ("c", String(10)))
     ],
 )
 def test_digest_changes_with_the_layout(changed: tuple[tuple[str, object], ...]) -> None:
-    assert one(*changed).digest != one(*BASE).digest
+    assert layout_with(*changed).digest != layout_with(*BASE).digest
 
 
 @pytest.mark.slow
 @given(schemas(), schemas())
-def test_equal_digest_means_equal_layout(one: Schema, other: Schema) -> None:
+def test_digests_are_equal_only_for_equal_layouts(one: Schema, other: Schema) -> None:
     first, second = layouts_of(one), layouts_of(other)
     for name in first.keys() & second.keys():
         same = canonical_text(first[name], first) == canonical_text(second[name], second)

@@ -1,4 +1,4 @@
-"""That a cycle never waits, as numbers: at most so many instructions and system calls for each call in each state."""
+"""No call in a cycle waits: each stays below a limit of instructions and system calls in each state of the topic."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from .support.plc_demo import MESSAGES, Demo, Memory, semaphore
 from .support.steps import Counted, counted
 
 FCNTL, FUTEX, KILL, STAT = 72, 202, 62, 262
-"""Numbers of Linux on x86-64, as below; futex only to wake."""
+"""Numbers of system calls of Linux on x86-64, as below. futex is called only to wake."""
 
 
 class Bound(NamedTuple):
-    """`calls` are the system calls that may be made, each as often as it stands there."""
+    """The limits of one call. `calls` lists the allowed system calls, each as often as it may be called."""
 
     instructions: int
     calls: tuple[int, ...] = ()
 
-    def holds(self, found: Counted) -> bool:
-        allowed = all(found.calls.count(call) <= self.calls.count(call) for call in found.calls)
-        return allowed and found.instructions <= self.instructions
+    def holds(self, count: Counted) -> bool:
+        allowed = all(count.calls.count(call) <= self.calls.count(call) for call in count.calls)
+        return allowed and count.instructions <= self.instructions
 
 
 DEFINITIONS = {
@@ -44,7 +44,7 @@ DEFINITIONS = {
 }
 RECOVERS = (FCNTL, KILL, FCNTL)
 CHECKS = (STAT,)
-"""Whether the region's file is still there: once in REMOVED_MS."""
+"""The check that the region's file still exists, once in REMOVED_MS."""
 C = {
     ("try_publish", "usual"): Bound(450, CHECKS),
     ("try_publish", "a reader sleeps"): Bound(500, (*CHECKS, FUTEX)),
@@ -56,7 +56,7 @@ C = {
     ("try_read", "a new sample"): Bound(350),
     ("try_read", "a new sample, the lock is held"): Bound(350),
     ("try_read", "a new sample, being overwritten"): Bound(1600),
-    ("is_stale", "usual"): Bound(220, CHECKS),  # of one that is
+    ("is_stale", "usual"): Bound(220, CHECKS),  # the subscriber is stale
 }
 CALLS = {
     ("send",): Bound(500, CHECKS),
@@ -66,7 +66,7 @@ CALLS = {
     ("send", "take", "reply", "poll"): Bound(250, CHECKS),
     ("take",): Bound(550, 2 * CHECKS),
 }
-"""Of a service in C; the last call of each row is counted."""
+"""Limits for a service in C. Only the last call of each row is counted."""
 BLOCKS = {
     ("publisher", "usual"): Bound(700, CHECKS),
     ("publisher", "a reader sleeps"): Bound(750, (*CHECKS, FUTEX)),
@@ -78,20 +78,20 @@ BLOCKS = {
     ("subscriber", "a new sample, being overwritten"): Bound(2100),
 }
 CALLING = Bound(1500, (*2 * CHECKS, FUTEX))
-"""One cycle of a block that calls or serves, wherever the call stands."""
+"""The limit of one cycle of a client's or server's block, in any state of the call."""
 TRANSLATED = Bound(12_000)
-"""Of Structured Text, compiled by the tests' own means and not optimised."""
+"""The limit for Structured Text, which the soft PLC of the tests compiles without optimization."""
 OPENING = 60_000, 40
 """Instructions and system calls in one cycle of an open PLC's block."""
 FILES = (1, 3, 8, 17, 86, 87, 91, 93, 257, STAT, 285)
 MEMORY = (9, 10, 11, 12, 28)
-WHO = (39, 102, 104, 107, 108, 115, 186, 318)
-OPENS = {*FILES, *MEMORY, *WHO, FCNTL, FUTEX}
-"""What it calls: nothing that sleeps, asks a service, or reads a file in parts, as who looks up a group does."""
+IDENTITY = (39, 102, 104, 107, 108, 115, 186, 318)
+OPENS = {*FILES, *MEMORY, *IDENTITY, FCNTL, FUTEX}
+"""System calls of a cycle that opens. None sleeps, connects to a service, or reads a file in parts."""
 
 
-def bring(state: str, topic: str, publish: Callable[[], object]) -> None:
-    """Brings a topic, whose newest sample is read, into a state."""
+def bring_into_state(state: str, topic: str, publish: Callable[[], object]) -> None:
+    """Bring a topic into a state. Its newest sample has been read before."""
     memory = Memory(topic)
     if "new sample" in state:
         publish()
@@ -104,33 +104,33 @@ def bring(state: str, topic: str, publish: Callable[[], object]) -> None:
     if "held" in state:
         semaphore(topic).acquire(0)
     if "dead" in state:
-        with subprocess.Popen(["true"]) as gone:
+        with subprocess.Popen(["true"]) as ended:
             pass
-        memory["lock_holder"] = gone.pid
+        memory["lock_holder"] = ended.pid
         publish()
         time.sleep((abi.DEAD_MS + 10) / 1000)
 
 
-def bounded(found: Counted, bound: Bound) -> None:
-    print(found)
-    assert bound.holds(found), f"{found}, and {bound} is what it may take"
+def assert_bounded(count: Counted, bound: Bound) -> None:
+    print(count)
+    assert bound.holds(count), f"{count}, but the limit is {bound}"
 
 
 # --- C and C++ --------------------------------------------------------------------------------------------------
 
 
 def compiled(folder: Path, plant: str = "") -> ctypes.CDLL:
-    """C and C++ in one shared object; `plant` stands in front of each write."""
+    """Compile C and C++ into one shared library. The code in `plant` is inserted before each write."""
     if not shutil.which("g++"):
         pytest.skip("g++ is not installed")
     cpp_peer.generate(folder, DEFINITIONS)
     for header in folder.glob("*/*/shmgen_publisher.h"):
-        header.write_text(planted(header.read_text(), plant))
+        header.write_text(with_planted_code(header.read_text(), plant))
     sources = [cpp_peer.HERE / name for name in ("cycle.c", "cycle_cpp.cpp")]
     return ctypes.CDLL(str(cpp_peer.compiled(folder, "cycle.so", *sources, options=["-fPIC", "-shared", "-O2"])))
 
 
-def planted(text: str, plant: str) -> str:
+def with_planted_code(text: str, plant: str) -> str:
     place = "    SHMGEN_COPY(payload, message, size);\n"
     assert place in text
     return text.replace(place, f"    {plant}\n{place}")
@@ -145,7 +145,7 @@ def cycles(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 
 
 class Ends:
-    """Those of C or C++ on a topic, which have made each of their calls once."""
+    """The publisher and subscriber in C or C++ on a topic. Each of their functions has been called once."""
 
     def __init__(self, library: ctypes.CDLL, language: str, topic: str) -> None:
         self.library, self.language = library, language
@@ -166,39 +166,39 @@ class Ends:
 
 @pytest.fixture(params=["c", "cpp"])
 def ends(cycles: ctypes.CDLL, request: pytest.FixtureRequest, topic: str) -> Iterator[Ends]:
-    made = Ends(cycles, str(request.param), topic)
-    yield made
-    made.call("close")
+    pair = Ends(cycles, str(request.param), topic)
+    yield pair
+    pair.call("close")
 
 
 @pytest.mark.parametrize(("name", "state"), C)
-def test_c_and_cpp(ends: Ends, topic: str, name: str, state: str) -> None:
-    bring(state, topic, lambda: ends.call("try_publish"))
-    bounded(ends.count(name), C[name, state])
+def test_c_and_cpp_stay_within_limits(ends: Ends, topic: str, name: str, state: str) -> None:
+    bring_into_state(state, topic, lambda: ends.call("try_publish"))
+    assert_bounded(ends.count(name), C[name, state])
 
 
 @pytest.mark.parametrize("name", ["try_publish", "heartbeat", "try_read", "is_stale"])
-def test_the_file_is_checked_once_in_a_while(ends: Ends, name: str) -> None:
+def test_region_file_is_checked_at_an_interval(ends: Ends, name: str) -> None:
     time.sleep((abi.REMOVED_MS + 20) / 1000)
-    found = [ends.count(name) for _ in range(20)]
-    assert found[0].calls == CHECKS
-    assert () in [one.calls for one in found[1:]]
+    counts = [ends.count(name) for _ in range(20)]
+    assert counts[0].calls == CHECKS
+    assert () in [count.calls for count in counts[1:]]
 
 
 @pytest.mark.parametrize("ends", ["c"], indirect=True)
 @pytest.mark.parametrize("names", CALLS, ids=" ".join)
-def test_a_service_in_c(ends: Ends, names: tuple[str, ...]) -> None:
+def test_service_in_c_stays_within_limits(ends: Ends, names: tuple[str, ...]) -> None:
     for _ in range(2):
         for name in ("send", "take", "reply", "poll"):
             ends.call(name)
     for name in names[:-1]:
         ends.call(name)
-    bounded(ends.count(names[-1]), CALLS[names])
+    assert_bounded(ends.count(names[-1]), CALLS[names])
 
 
 @pytest.mark.parametrize("language", ["c", "cpp"])
 @pytest.mark.slow
-def test_a_sleep_in_c_is_found(tmp_path: Path, topic: str, language: str) -> None:
+def test_sleep_planted_in_c_exceeds_the_limit(tmp_path: Path, topic: str, language: str) -> None:
     ends = Ends(compiled(tmp_path, SLEEP), language, topic)
     assert not C["try_publish", "usual"].holds(ends.count("try_publish"))
     ends.call("close")
@@ -207,7 +207,7 @@ def test_a_sleep_in_c_is_found(tmp_path: Path, topic: str, language: str) -> Non
 # --- function blocks of open PLCs -------------------------------------------------------------------------------
 
 
-def program_of(folder: Path, compiler: str, group: str = "", plant: str = "") -> open_plc.Program:
+def build_program(folder: Path, compiler: str, group: str = "", plant: str = "") -> open_plc.Program:
     if shutil.which(open_plc.COMPILERS[compiler][0]) is None:
         pytest.skip(f"{open_plc.COMPILERS[compiler][0]} is not installed")
     build.put(DEFINITIONS, folder)
@@ -215,71 +215,71 @@ def program_of(folder: Path, compiler: str, group: str = "", plant: str = "") ->
     config = Config(folder, source="jazzy", path=(folder,), targets=targets, regions=Regions(group=group))
     texts = pipeline.generate(config, ["demo_msgs/Demo", "demo_msgs/Ask"])
     if plant:
-        texts["matiec/shm_msgs.h"] = planted(texts["matiec/shm_msgs.h"], plant)
+        texts["matiec/shm_msgs.h"] = with_planted_code(texts["matiec/shm_msgs.h"], plant)
     return open_plc.Program(open_plc.compiled(texts, compiler, folder))
 
 
 @pytest.fixture(scope="module", params=open_plc.COMPILERS)
 def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[open_plc.Program]:
-    made = program_of(tmp_path_factory.mktemp("blocks"), str(request.param))
-    yield made
-    made.unload()
+    loaded = build_program(tmp_path_factory.mktemp("blocks"), str(request.param))
+    yield loaded
+    loaded.unload()
 
 
 def cycle(block: Any) -> Counted:
-    """What one call of a block takes."""
+    """Call a block once. Return its instructions and system calls."""
     return counted(getattr(block._library, f"call_{block._name}"), block.address)
 
 
-def opened(program: open_plc.Program, topic: str) -> tuple[dict[str, Any], list[Counted]]:
-    """A publisher and a subscriber, and what their cycles took until they were open."""
+def open_blocks(program: open_plc.Program, topic: str) -> tuple[dict[str, Any], list[Counted]]:
+    """Open a publisher and a subscriber. Return both, and the counts of their cycles until they were open."""
     ends = {
         end: program.block(f"FB_demo_msgs_Demo_{end}", xEnable=True, sTopic=topic)
         for end in ("publisher", "subscriber")
     }
-    took = []
+    opening = []
     for block in ends.values():
         deadline = time.monotonic() + 5
-        took.append(cycle(block))
+        opening.append(cycle(block))
         while block.xBusy and time.monotonic() < deadline:
             time.sleep(0.005)
-            took.append(cycle(block))
+            opening.append(cycle(block))
         assert not block.xBusy
         assert not block.xError
-    return ends, took
+    return ends, opening
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "state"), BLOCKS)
-def test_blocks_of_open_plcs(program: open_plc.Program, topic: str, name: str, state: str) -> None:
-    ends, _ = opened(program, topic)
-    bring(state, topic, ends["publisher"])
-    bounded(cycle(ends[name]), BLOCKS[name, state])
+def test_open_plc_blocks_stay_within_limits(program: open_plc.Program, topic: str, name: str, state: str) -> None:
+    ends, _ = open_blocks(program, topic)
+    bring_into_state(state, topic, ends["publisher"])
+    assert_bounded(cycle(ends[name]), BLOCKS[name, state])
 
 
-def cycles_that_open(path: Path, topic: str) -> list[Counted]:
-    return opened(open_plc.Program(path), topic)[1]
+def count_opening_cycles(path: Path, topic: str) -> list[Counted]:
+    return open_blocks(open_plc.Program(path), topic)[1]
 
 
-def assert_that_it_opens(path: Path, topic: str) -> None:
-    """Counted in a new process: sem_close goes through all semaphores of its own, and tests leave thousands open."""
+def assert_opening_is_bounded(path: Path, topic: str) -> None:
+    """Count in a new process: sem_close visits all open semaphores of a process, and the tests leave thousands open."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:
-        cycles = alone.submit(cycles_that_open, path, topic).result()
-    for found in cycles:
-        print(found)
-        assert found.instructions <= OPENING[0]
-        assert len(found.calls) <= OPENING[1]
-        assert OPENS.issuperset(found.calls)
+        cycles = alone.submit(count_opening_cycles, path, topic).result()
+    for count in cycles:
+        print(count)
+        assert count.instructions <= OPENING[0]
+        assert len(count.calls) <= OPENING[1]
+        assert OPENS.issuperset(count.calls)
 
 
 @pytest.mark.family("openplc-v4")
-def test_no_cycle_in_which_a_block_opens_waits(program: open_plc.Program, topic: str) -> None:
-    assert_that_it_opens(program.path, topic)
+def test_block_does_not_wait_while_it_opens(program: open_plc.Program, topic: str) -> None:
+    assert_opening_is_bounded(program.path, topic)
 
 
 @pytest.mark.family("openplc-v4")
-def test_calls_of_open_plcs(program: open_plc.Program, topic: str) -> None:
-    """Three calls, the lock of the responses held in the last."""
+def test_open_plc_service_calls_stay_within_limits(program: open_plc.Program, topic: str) -> None:
+    """Call three times. During the last call, another process holds the lock of the responses."""
     client, server = (
         program.block(f"FB_demo_msgs_Ask_{end}", xEnable=True, sService=topic) for end in ("Client", "Server")
     )
@@ -292,24 +292,24 @@ def test_calls_of_open_plcs(program: open_plc.Program, topic: str) -> None:
             if (call, turn) == (2, 2):
                 semaphore(topic, "-response").acquire(0)
             for block in (server, client):
-                bounded(cycle(block), CALLING)
+                assert_bounded(cycle(block), CALLING)
             server.xDone = server.xExecute
         assert client.xDone == 1
         client.xExecute = False
         for block in (client, server):
-            bounded(cycle(block), CALLING)
+            assert_bounded(cycle(block), CALLING)
 
 
 @pytest.mark.slow
-def test_no_cycle_looks_up_a_group(tmp_path: Path, topic: str) -> None:
-    """Which may ask files, services and the network; the program has done so when it was loaded."""
-    assert_that_it_opens(program_of(tmp_path, "beremiz", group="daemon").path, topic)
+def test_no_cycle_looks_up_a_group_name(tmp_path: Path, topic: str) -> None:
+    """Look up the group when the program is loaded, because a lookup may read files and wait for the network."""
+    assert_opening_is_bounded(build_program(tmp_path, "beremiz", group="daemon").path, topic)
 
 
 @pytest.mark.slow
-def test_a_sleep_in_a_block_is_found(tmp_path: Path, topic: str) -> None:
-    program = program_of(tmp_path, "beremiz", plant=SLEEP)
-    ends, _ = opened(program, topic)
+def test_sleep_planted_in_a_block_exceeds_the_limit(tmp_path: Path, topic: str) -> None:
+    program = build_program(tmp_path, "beremiz", plant=SLEEP)
+    ends, _ = open_blocks(program, topic)
     assert not BLOCKS["publisher", "usual"].holds(cycle(ends["publisher"]))
     program.unload()
 
@@ -318,8 +318,8 @@ def test_a_sleep_in_a_block_is_found(tmp_path: Path, topic: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "state"), BLOCKS)
-def test_blocks_in_structured_text(demo: Demo, topic: str, name: str, state: str) -> None:
+def test_blocks_in_structured_text_stay_within_limits(demo: Demo, topic: str, name: str, state: str) -> None:
     ends = {"publisher": demo.opened(topic), "subscriber": demo.subscriber(topic)()}
-    bring(state, topic, ends["publisher"])
+    bring_into_state(state, topic, ends["publisher"])
     block = ends[name]
-    bounded(counted(demo.plc._calls[block._name, ""], block._address), TRANSLATED)
+    assert_bounded(counted(demo.plc._calls[block._name, ""], block._address), TRANSLATED)

@@ -1,4 +1,4 @@
-"""Every command in README.md and docs/, executed; what it prints is what the page shows."""
+"""Every command in README.md and docs/ prints what the page shows, and links and package names are right."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ FILES = {"python": "example.py", "toml": "shmgen.toml", "c": "example.c", "cpp":
 
 
 @pytest.fixture
-def alone() -> Iterator[list[str]]:
-    """In front of a command: it sees a /dev/shm of this test's own, where that can be had."""
+def prefix() -> Iterator[list[str]]:
+    """The words before a command that give it a /dev/shm of its own. The list is empty if the kernel forbids that."""
     make = ["unshare", "-m", "sh", "-c", "mount -t tmpfs tmpfs /dev/shm && echo made && exec sleep 300"]
     with subprocess.Popen(make, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as holder:
         assert holder.stdout is not None
-        made = holder.stdout.readline() == "made\n"
+        is_mounted = holder.stdout.readline() == "made\n"
         try:
-            yield ["nsenter", "-m", "-r", "-w", "-t", str(holder.pid)] if made else []  # -r: this may be a chroot
+            yield ["nsenter", "-m", "-r", "-w", "-t", str(holder.pid)] if is_mounted else []  # -r: this may be a chroot
         finally:
             holder.kill()
 
 
 @pytest.fixture
-def tidied(page: Path, tmp_path: Path) -> Iterator[None]:
-    """Ends what a page has left running if a command of it failed, and removes the regions that it names."""
+def clean_up_page(page: Path, tmp_path: Path) -> Iterator[None]:
+    """End processes that a failed command left, and remove the regions that the page names."""
     yield
     for file in tmp_path.rglob("*pid"):
-        with suppress(OSError):  # it has ended
+        with suppress(OSError):  # the process has already ended
             if Path(f"/proc/{int(file.read_text())}/cwd").resolve().is_relative_to(tmp_path):
                 os.kill(int(file.read_text()), signal.SIGTERM)
     named = re.findall(r"(?:(?:Publisher|Subscriber|Client|Server)(?:\(|, )\"|shmgen pub )/([\w/]+)", page.read_text())
@@ -57,10 +57,10 @@ def tidied(page: Path, tmp_path: Path) -> Iterator[None]:
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if "```console" in page.read_text()], ids=lambda page: page.name
 )
-@pytest.mark.usefixtures("tidied")
+@pytest.mark.usefixtures("clean_up_page")
 @pytest.mark.family("[README.md]", "[python.md]", "[definitions.md]", "[configuration.md]")
-def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool, alone: list[str]) -> None:
-    """In order, in one folder. A block that names no file is saved under its name in FILES."""
+def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_golden: bool, prefix: list[str]) -> None:
+    """Run all commands of a page in one folder. Save each other block under the name in the text or in FILES."""
     if "run_plc.py" in page.read_text() and not shutil.which("g++"):
         pytest.skip("no g++: apt-get install g++")
     for tool in PROGRAMS:
@@ -74,9 +74,9 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_g
                 (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
                 (tmp_path / file).write_text(text)
             continue
-        for command, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
+        for command, output in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE):
             result = subprocess.run(
-                [*alone, "sh", "-c", f"cd {shlex.quote(str(tmp_path))}\n{command}"],
+                [*prefix, "sh", "-c", f"cd {shlex.quote(str(tmp_path))}\n{command}"],
                 cwd=tmp_path,
                 env=environment,
                 stdout=subprocess.PIPE,
@@ -84,25 +84,25 @@ def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path, update_g
                 text=True,
                 check=False,
             )
-            told = any(word in shown for word in ("error", "fault", "hint"))
-            assert told or not result.returncode, f"$ {command}\n{result.stdout}"  # not even where `...` is shown
-            if update_golden and "...\n" not in shown:
-                page.write_text(page.read_text().replace(f"$ {command}\n{shown}", f"$ {command}\n{result.stdout}"))
+            is_error = any(word in output for word in ("error", "fault", "hint"))
+            assert is_error or not result.returncode, f"$ {command}\n{result.stdout}"  # a line `...` hides no failure
+            if update_golden and "...\n" not in output:
+                page.write_text(page.read_text().replace(f"$ {command}\n{output}", f"$ {command}\n{result.stdout}"))
             else:
-                assert re.fullmatch(pattern(shown), result.stdout), f"$ {command}\n{result.stdout}"
+                assert re.fullmatch(pattern(output), result.stdout), f"$ {command}\n{result.stdout}"
 
 
-def pattern(shown: str) -> str:
-    """What was printed, where a line `...` stands for any number of lines."""
-    return "".join("(?:.*\n)*" if line == "...\n" else re.escape(line) for line in shown.splitlines(keepends=True))
+def pattern(output: str) -> str:
+    """Return a regular expression for the output. A line `...` matches any number of lines."""
+    return "".join("(?:.*\n)*" if line == "...\n" else re.escape(line) for line in output.splitlines(keepends=True))
 
 
-def test_the_demo_needs_nothing_of_the_tests() -> None:
+def test_demo_needs_no_pytest() -> None:
     code = "import sys; sys.modules['pytest'] = None; import tests.softplc.task, tests.softplc"
     subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True)
 
 
-def test_the_readme_names_only_blocks_of_the_committed_project() -> None:
+def test_readme_names_only_existing_function_blocks() -> None:
     project = (REPOSITORY / "generated" / "plcopen" / "shmgen.xml").read_text()
     named = re.findall(r"\bFB_\w+", PAGES[0].read_text())
     assert named
@@ -110,35 +110,35 @@ def test_the_readme_names_only_blocks_of_the_committed_project() -> None:
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++: apt-get install g++")
-def test_make_demo() -> None:
+def test_make_demo_succeeds() -> None:
     result = subprocess.run(["make", "demo"], cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300)
     assert result.returncode == 0, result.stdout + result.stderr
     assert re.search(r"poses sent, \d+ received by the PLC", result.stdout)
 
 
-def test_what_a_newcomer_types_is_enough() -> None:
-    """Python's headers too, or publish and read stay in Python; and `shmgen` is not on the PATH by `make` alone."""
+def test_pages_name_all_packages_and_activate_the_environment() -> None:
+    """Name python3-dev: without it, publish and read are not compiled. `make` does not put `shmgen` on the PATH."""
     makefile = (REPOSITORY / "Makefile").read_text()
     needed = set(" ".join(re.findall(r"^(?:SETUP|FAST|TEST)_PACKAGES\s*:= (.*)", makefile, re.MULTILINE)).split())
     assert "python3-dev" in needed
     for page in (PAGES[0], REPOSITORY / "docs" / "tutorial-plc.md"):
         before, _, _ = page.read_text().partition("```console")
         named = re.findall(r"^    sudo apt-get install ([^#\n]*)", before, re.MULTILINE)
-        assert needed - {"libc6-dev"} <= set(" ".join(named).split()), page  # which g++ brings
+        assert needed - {"libc6-dev"} <= set(" ".join(named).split()), page  # g++ depends on libc6-dev
         assert before.index("make demo") < before.index("    . .venv/bin/activate"), page
 
 
 @pytest.mark.slow
-def test_the_tests_are_collected_on_a_machine_with_no_programs() -> None:
-    """Without git, compilers and locales, each test that needs one skips itself, and none stops the others."""
+def test_tests_are_collected_without_any_program() -> None:
+    """Collect all tests without git, compilers and locales: a test that needs one of them skips itself."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-n", "0", "-p", "no:cacheprovider"]
     environment = {"PATH": "/nonexistent", "HOME": os.environ.get("HOME", "/")}
     done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
 
 
-def test_a_module_whose_import_fails_skips_its_tests_with_the_cause(tmp_path: Path) -> None:
-    """GitPython raises an ImportError without git; another package may raise an OSError or any other."""
+def test_failed_import_skips_with_the_cause(tmp_path: Path) -> None:
+    """Accept every exception. GitPython raises an ImportError without git, and other packages raise an OSError."""
     (tmp_path / "half_installed.py").write_text("raise OSError('libfoo.so.1: cannot open\\nsecond line')")
     code = "import tests.support as support; support.import_or_skip({!r}, reason='pip install it')"
     for module, cause in (
@@ -151,14 +151,14 @@ def test_a_module_whose_import_fails_skips_its_tests_with_the_cause(tmp_path: Pa
         assert done.stderr.rstrip().endswith(cause)
 
 
-def test_every_import_of_a_third_party_in_tests_catches_any_exception() -> None:
+def test_importorskip_catches_every_exception() -> None:
     for file in (REPOSITORY / "tests").rglob("*.py"):
         for line in re.findall(r"pytest\.importorskip\(.*", file.read_text()):
             assert "exc_type=Exception" in line, f"{file}: {line}"
 
 
-def test_each_environment_of_the_readme_reads_idl() -> None:
-    """`make demo` and `make test` set up .venv/ready; the lines for other environments name the extra."""
+def test_readme_installs_the_idl_parser() -> None:
+    """Require the IDL parser in .venv/ready, which `make demo` and `make test` set up, and in each other command."""
     command = ["make", "--dry-run", "--always-make", ".venv/ready"]
     steps = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     assert "--no-deps ros-rosidl-parser" in steps
@@ -167,13 +167,13 @@ def test_each_environment_of_the_readme_reads_idl() -> None:
     assert all("idl" in named.split(",") for named in extras)
 
 
-def test_the_readme_names_no_other_make_target() -> None:
-    """`make test` is what runs this; all others would need a test here."""
+def test_readme_names_only_two_make_targets() -> None:
+    """Reject further targets in README.md, because no test would run them. `make test` runs this test."""
     assert set(re.findall(r"make (\w+)", PAGES[0].read_text())) == {"demo", "test"}
 
 
-def test_links_lead_somewhere() -> None:
-    """To a file or a folder, and to a heading in it; in code nothing is a link."""
+def test_links_of_all_pages_have_targets() -> None:
+    """Require a file or folder, and the heading if the link names one. Code contains no links."""
     for page in [
         *REPOSITORY.glob("*.md"),
         *PAGES[1:],
@@ -188,6 +188,6 @@ def test_links_lead_somewhere() -> None:
 
 
 def anchors(page: Path) -> list[str]:
-    """The headings of a page as links name them, on GitHub and on the site alike."""
+    """Return the headings of a page in the form that links to GitHub and to the site use."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
     return [re.sub(r"[^\w\s-]", "", heading).strip().lower().replace(" ", "-") for heading in headings]

@@ -1,4 +1,4 @@
-"""The page that generates in the browser gives the files of the command line: its module, its worker and the page."""
+"""The page docs/try generates the same files in the browser as `shmgen generate` on the command line."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from .support.definitions import from_grammar
 
 PAGE = REPOSITORY / "docs" / "try"
 SCRIPT = 600
-"""Lines of HTML, CSS and JavaScript at most."""
+"""The largest number of lines of HTML, CSS and JavaScript."""
 
 
-def state(**given: Any) -> dict[str, Any]:
-    return {"source": "jazzy", "files": {}, "messages": [], "topics": [], "bounds": {}} | given
+def state(**values: Any) -> dict[str, Any]:
+    return {"source": "jazzy", "files": {}, "messages": [], "topics": [], "bounds": {}} | values
 
 
 POINTS = state(
@@ -50,8 +50,8 @@ def generator(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     return generator
 
 
-def generated(files: dict[str, str], folder: Path) -> dict[str, str]:
-    """What `shmgen generate` writes for the files, among them shmgen.toml."""
+def generate_with_command(files: dict[str, str], folder: Path) -> dict[str, str]:
+    """Run `shmgen generate` on the files, which include shmgen.toml. Return the generated files."""
     for path, text in files.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_bytes(text.encode())
@@ -60,33 +60,35 @@ def generated(files: dict[str, str], folder: Path) -> dict[str, str]:
     return {str(file.relative_to(output)): file.read_text() for file in output.rglob("*") if file.is_file()}
 
 
-def test_the_module_gives_the_files_of_the_command_line(generator: Any, tmp_path: Path) -> None:
+def test_page_module_generates_the_files_of_the_command(generator: Any, tmp_path: Path) -> None:
     result = generator.run(POINTS, str(tmp_path / "page"))
     assert result["diagnostics"] == []
     assert [message["type"] for message in result["messages"]] == ["geometry_msgs/Pose", "cell_msgs/Job"]
-    assert result["files"] == generated({**POINTS["files"], "shmgen.toml": result["toml"]}, tmp_path / "shell")
+    assert result["files"] == generate_with_command(
+        {**POINTS["files"], "shmgen.toml": result["toml"]}, tmp_path / "shell"
+    )
 
 
-def test_a_sequence_without_a_bound_is_asked_for(generator: Any, tmp_path: Path) -> None:
+def test_page_module_asks_for_missing_bounds(generator: Any, tmp_path: Path) -> None:
     result = generator.run({**POINTS, "bounds": {}}, str(tmp_path / "page"))
     place = {"path": "cell_msgs/msg/Job.msg", "line": 2, "column": 1, "width": 9}
     assert result["missing"] == [{"key": "cell_msgs/Job.points", "proposed": 32, "type": "float64[]", **place}]
     assert result["files"] == {}
 
 
-def test_an_error_has_its_place(generator: Any, tmp_path: Path) -> None:
+def test_page_module_reports_the_position_of_an_error(generator: Any, tmp_path: Path) -> None:
     broken = state(files={"cell_msgs/msg/Job.msg": "float64 x\nfloat65 y\n"})
-    [found] = generator.run(broken, str(tmp_path / "page"))["diagnostics"]
-    assert (found["path"], found["line"], found["column"]) == ("cell_msgs/msg/Job.msg", 2, 1)
-    assert "float65" in found["text"]
+    [error] = generator.run(broken, str(tmp_path / "page"))["diagnostics"]
+    assert (error["path"], error["line"], error["column"]) == ("cell_msgs/msg/Job.msg", 2, 1)
+    assert "float65" in error["text"]
 
 
-def test_nothing_chosen_is_no_error(generator: Any, tmp_path: Path) -> None:
+def test_page_module_accepts_an_empty_selection(generator: Any, tmp_path: Path) -> None:
     result = generator.run(state(), str(tmp_path / "page"))
     assert (result["diagnostics"], result["files"]) == ([], {})
 
 
-def test_types_of_a_store(generator: Any) -> None:
+def test_page_module_lists_the_types_of_a_distribution(generator: Any) -> None:
     types = generator.stored_types("jazzy")
     assert {"geometry_msgs/Pose", "std_srvs/SetBool"} <= set(types)
     assert not [name for name in types if name.endswith(("_Request", "_Response", "_Reply"))]
@@ -95,16 +97,16 @@ def test_types_of_a_store(generator: Any) -> None:
 @pytest.mark.parametrize(
     ("above", "package"), [("cell_msgs/", "cell_msgs"), ("src/a/cell_msgs/", "cell_msgs"), ("", "upload")]
 )
-def test_a_zip_is_unpacked_from_its_packages_on(generator: Any, above: str, package: str) -> None:
+def test_uploaded_zip_is_unpacked_by_packages(generator: Any, above: str, package: str) -> None:
     target = io.BytesIO()
     with zipfile.ZipFile(target, "w") as archive:
         for path in ("msg/Job.msg", "srv/Stop.srv", "package.xml", "CMakeLists.txt"):
             archive.writestr(f"{above}{path}", "# text\n")
-    found = generator.unzipped("upload.zip", target.getvalue())
-    assert sorted(found) == [f"{package}/{path}" for path in ("msg/Job.msg", "package.xml", "srv/Stop.srv")]
+    files = generator.unzipped("upload.zip", target.getvalue())
+    assert sorted(files) == [f"{package}/{path}" for path in ("msg/Job.msg", "package.xml", "srv/Stop.srv")]
 
 
-def test_the_page_is_small() -> None:
+def test_page_stays_below_its_limit_of_lines() -> None:
     files = [file for file in PAGE.iterdir() if file.suffix in (".md", ".css", ".js")]
     assert sum(len(file.read_text().splitlines()) for file in files) <= SCRIPT
 
@@ -112,14 +114,14 @@ def test_the_page_is_small() -> None:
 # --- in a browser -----------------------------------------------------------------------------------------
 
 
-class Quiet(SimpleHTTPRequestHandler):
+class QuietHandler(SimpleHTTPRequestHandler):
     def log_message(self, *_: object) -> None:
         pass
 
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The page with all its files, served as `python -m http.server` does, without the theme of the site."""
+    """The address of a local server with the page and all its files, without the theme of the site."""
     if shutil.which("npm") is None:
         pytest.skip("no npm: apt-get install npm")
     site = tmp_path_factory.mktemp("site")
@@ -127,7 +129,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     body = (PAGE / "form.html").read_text()
     (site / "try" / "index.html").write_text(f"<!doctype html><meta charset=utf-8><title>Try</title>{body}")
     subprocess.run([sys.executable, REPOSITORY / "docs" / "site" / "try_files.py", site], check=True)
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=site)) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=site)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/try/"
         server.shutdown()
@@ -142,7 +144,7 @@ class User:
     async def text(self, selector: str) -> str:
         return str(await self.page.run(f"document.querySelector({json.dumps(selector)})?.textContent ?? ''"))
 
-    async def until(self, selector: str, part: str) -> str:
+    async def wait_for_text(self, selector: str, part: str) -> str:
         for _ in range(600):
             if part in (text := await self.text(selector)):
                 return text
@@ -159,7 +161,7 @@ class User:
         await self.page.click(*map(int, await self.page.run(script)))
 
     async def type(self, selector: str, text: str) -> None:
-        """Replace the content of an input by text, as a person does who selects all of it first."""
+        """Replace the content of an input by text. Select the old content first, as a user does."""
         await self.click(selector)
         await self.page.run("document.activeElement.select()")
         await self.page.call("Input.insertText", text=text)
@@ -181,7 +183,7 @@ class User:
 
 
 @pytest.mark.slow
-def test_a_person_generates_in_the_browser(address: str, tmp_path: Path) -> None:
+def test_user_generates_in_the_browser(address: str, tmp_path: Path) -> None:
     """Choose Pose, type a message and a service, correct an error, give a bound, download, and pass on the link."""
     from .view.browser import Page
 
@@ -189,37 +191,37 @@ def test_a_person_generates_in_the_browser(address: str, tmp_path: Path) -> None
         async with Page() as page:
             user = User(page)
             await page.open(address)
-            await user.until("#status", "Choose a message")
+            await user.wait_for_text("#status", "Choose a message")
             await user.type("#search", "geometry_msgs/Pose")
             await page.press("Enter")
-            await user.until("#status", "Ready: 1 message")
+            await user.wait_for_text("#status", "Ready: 1 message")
 
             await user.type("#path", "cell_msgs/msg/Job.msg")
             await page.press("Enter")
             await page.call("Input.insertText", text="float64[] points\nflaot32 speed\n")
-            await user.until("#diagnostics", "cell_msgs/msg/Job.msg:2:1: error[SHM004]")
+            await user.wait_for_text("#diagnostics", "cell_msgs/msg/Job.msg:2:1: error[SHM004]")
             await user.click("#diagnostics button")
             assert await page.run("getSelection().toString()") == "flaot32"
             await page.call("Input.insertText", text="float32")
-            await user.until("#bounds", "cell_msgs/Job.points (float64[]) has no bound.")
+            await user.wait_for_text("#bounds", "cell_msgs/Job.points (float64[]) has no bound.")
             await user.type("#bounds input", "12")
             await user.click("#bounds button")
-            await user.until("#status", "Ready: 2 messages")
+            await user.wait_for_text("#status", "Ready: 2 messages")
 
             await user.type("#path", "cell_msgs/srv/Stop.srv")
             await page.press("Enter")
             await page.call("Input.insertText", text="bool now\n---\nbool done\n")
-            await user.until("#status", "Ready: 5 messages")
+            await user.wait_for_text("#status", "Ready: 5 messages")
             upload = tmp_path / "plant_msgs.zip"
             with zipfile.ZipFile(upload, "w") as archive:
                 archive.writestr("plant_msgs/msg/Valve.msg", "float32 opening  # [%]\n")
             await user.open_file("#open", upload)
-            await user.until("#status", "Ready: 6 messages")
+            await user.wait_for_text("#status", "Ready: 6 messages")
             await user.click("#add-topic")
             await user.type("#topics input", "/cell/job")
-            toml = await user.until("#toml", "/cell/job")
-            await user.until("#status", "Ready")
-            assert "STRUCT" in await user.until("#text", "ST_plant_msgs_Valve")
+            toml = await user.wait_for_text("#toml", "/cell/job")
+            await user.wait_for_text("#status", "Ready")
+            assert "STRUCT" in await user.wait_for_text("#text", "ST_plant_msgs_Valve")
             assert await page.run("document.querySelectorAll('#picture > svg').length") == 1
 
             content = await user.download("#zip", tmp_path / "shmgen.zip")
@@ -231,13 +233,13 @@ def test_a_person_generates_in_the_browser(address: str, tmp_path: Path) -> None
             assert files["generated/plcopen/shmgen.xml"] == xml.decode()
 
             await user.click("#link")
-            await user.until("#link", "Copied")
+            await user.wait_for_text("#link", "Copied")
             colleague = await page.run("location.href")
-        async with Page() as page:  # another profile: neither cache nor local storage
+        async with Page() as page:  # a new profile has no cache and no local storage
             await page.open(colleague)
-            await User(page).until("#status", "Ready: 6 messages")
+            await User(page).wait_for_text("#status", "Ready: 6 messages")
             assert await User(page).text("#toml") == toml
-            assert all(asked.startswith((address.removesuffix("/try/"), "blob:")) for asked in page.asked)
+            assert all(url.startswith((address.removesuffix("/try/"), "blob:")) for url in page.asked)
         return files
 
     files = asyncio.run(visit())
@@ -246,15 +248,13 @@ def test_a_person_generates_in_the_browser(address: str, tmp_path: Path) -> None
         *("cell_msgs/msg/Job.msg", "cell_msgs/srv/Stop.srv"),
         *("plant_msgs/msg/Valve.msg", "shmgen.toml"),
     ]
-    expected = generated(own, tmp_path / "shell")
+    expected = generate_with_command(own, tmp_path / "shell")
     assert {path.partition("/")[2]: text for path, text in files.items() if path not in own} == expected
 
 
 @pytest.mark.slow
-def test_the_second_visit_needs_no_network(
-    address: str, record_testsuite_property: Callable[[str, object], None]
-) -> None:
-    """The report (--junit-xml) has the seconds of both visits, and the bytes that the first one loads."""
+def test_second_visit_needs_no_network(address: str, record_testsuite_property: Callable[[str, object], None]) -> None:
+    """Write the seconds of both visits, and the bytes that the first visit loads, into the report (--junit-xml)."""
     from .view.browser import Page
 
     async def visit() -> None:
@@ -262,7 +262,7 @@ def test_the_second_visit_needs_no_network(
             for number in ("first", "second"):
                 begin = time.monotonic()
                 await page.open(address)
-                await User(page).until("#status", "Choose a message")
+                await User(page).wait_for_text("#status", "Choose a message")
                 record_testsuite_property(f"{number}_visit_seconds", round(time.monotonic() - begin, 1))
                 if number == "first":
                     sizes = "performance.getEntriesByType('resource').reduce((sum, it) => sum + it.encodedBodySize, 0)"
@@ -274,8 +274,8 @@ def test_the_second_visit_needs_no_network(
 
 
 @pytest.mark.slow
-def test_twenty_random_packages_in_the_worker(address: str, generator: Any, tmp_path: Path) -> None:
-    """What Python in WebAssembly makes of them is what Python here makes of them, the errors too."""
+def test_worker_generates_twenty_random_packages(address: str, generator: Any, tmp_path: Path) -> None:
+    """Return the same files and errors from Python in WebAssembly as from Python on this machine."""
     from .view.browser import Page
 
     states, complete, seed = [], 0, 0
@@ -287,12 +287,12 @@ def test_twenty_random_packages_in_the_worker(address: str, generator: Any, tmp_
         }
         states.append(state(files=files, bounds={"demo_msgs": 2, "geometry_msgs": 2}, source=fuzzed.source))
         complete += bool(generator.run(states[-1], str(tmp_path / "page"))["files"])
-    expected = [generator.run(one, str(tmp_path / "page")) for one in states]
+    expected = [generator.run(request, str(tmp_path / "page")) for request in states]
 
     async def visit() -> list[Any]:
         async with Page() as page:
             await page.open(address)
-            await User(page).until("#status", "Choose a message")
+            await User(page).wait_for_text("#status", "Choose a message")
             await page.run("""
                 window.worker = new Worker("worker.js", { type: "module" });
                 window.ask = (call, ...args) => new Promise((resolve) => {
@@ -302,7 +302,7 @@ def test_twenty_random_packages_in_the_worker(address: str, generator: Any, tmp_
                 undefined""")
             manifest = json.loads(await page.run("fetch('manifest.json').then((response) => response.text())"))
             await page.run(f"ask('start', {json.dumps(address + manifest['folder'])})")
-            return [await page.run(f"ask('run', {json.dumps(one)})") for one in states]
+            return [await page.run(f"ask('run', {json.dumps(request)})") for request in states]
 
-    for given, found, wanted in zip(states, asyncio.run(visit()), expected, strict=True):
-        assert found == wanted, given
+    for request, result, expected_result in zip(states, asyncio.run(visit()), expected, strict=True):
+        assert result == expected_result, request
