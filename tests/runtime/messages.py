@@ -84,7 +84,7 @@ def pose(x: float) -> SimpleNamespace:
     return SimpleNamespace(position=SimpleNamespace(x=x, y=x, z=x), orientation=SimpleNamespace(x=x, y=x, z=x, w=x))
 
 
-def whole(message: Pose) -> bool:
+def is_whole(message: Pose) -> bool:
     return len(set(POSE.unpack(bytes(message)))) == 1
 
 

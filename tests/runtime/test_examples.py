@@ -54,50 +54,50 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
 Names = dict[str, Any]
 
 
-def publish(names: Names, space: str, ready: threading.Event, over: threading.Event, depth: int = 1) -> None:
+def publish(names: Names, space: str, ready: threading.Event, stop: threading.Event, depth: int = 1) -> None:
     with names["PosePublisher"](f"{space}/robot/pose", depth=depth) as publisher:
         ready.set()
-        while not over.wait(0.01):
+        while not stop.wait(0.01):
             publisher.publish(names["Pose"](position=names["Point"](x=1.5)))
 
 
-def publish_deep(names: Names, space: str, ready: threading.Event, over: threading.Event) -> None:
-    publish(names, space, ready, over, depth=8)
+def publish_deep(names: Names, space: str, ready: threading.Event, stop: threading.Event) -> None:
+    publish(names, space, ready, stop, depth=8)
 
 
-def occupy(names: Names, space: str, ready: threading.Event, over: threading.Event) -> None:
+def occupy(names: Names, space: str, ready: threading.Event, stop: threading.Event) -> None:
     """Hold the topic with another type, so that opening it is an error."""
     with names["PointPublisher"](f"{space}/robot/pose"):
         ready.set()
-        over.wait()
+        stop.wait()
 
 
-def serve(names: Names, space: str, ready: threading.Event, over: threading.Event) -> None:
+def serve(names: Names, space: str, ready: threading.Event, stop: threading.Event) -> None:
     with names["SetBoolServer"](f"{space}/lamp") as server:
         ready.set()
-        while not over.is_set():
+        while not stop.is_set():
             server.serve(lambda request: names["SetBool_Response"](success=request.data), timeout=0.1)
 
 
-def call(names: Names, space: str, ready: threading.Event, over: threading.Event) -> None:
+def call(names: Names, space: str, ready: threading.Event, stop: threading.Event) -> None:
     with names["SetBoolClient"](f"{space}/lamp") as client:
         ready.set()
-        while not over.is_set():
+        while not stop.is_set():
             with suppress(runtime.CallTimeout, runtime.NoServer):
                 names["print"](client.call(names["SetBool_Request"](data=True), timeout=1).success)
 
 
-def execute(names: Names, space: str, ready: threading.Event, over: threading.Event) -> None:
+def execute(names: Names, space: str, ready: threading.Event, stop: threading.Event) -> None:
     with names["FibonacciActionServer"](f"{space}/fibonacci") as server:
         ready.set()
-        while not over.is_set():
+        while not stop.is_set():
             server.serve(lambda goal: goal.succeed(names["Fibonacci_Result"](sequence=[0, 1, 1])), timeout=0.1)
 
 
-def send_goals(names: Names, space: str, ready: threading.Event, over: threading.Event) -> None:
+def send_goals(names: Names, space: str, ready: threading.Event, stop: threading.Event) -> None:
     with names["FibonacciActionClient"](f"{space}/fibonacci") as client:
         ready.set()
-        while not over.is_set():
+        while not stop.is_set():
             with suppress(runtime.CallTimeout, runtime.NoServer):
                 client.send_goal(names["Fibonacci_Goal"](order=3), timeout=1)
                 names["print"](list(client.result(timeout=1).result.sequence))
@@ -126,16 +126,16 @@ PEERS: dict[str, tuple[Callable[[Names, str, threading.Event, threading.Event], 
 
 
 @pytest.mark.parametrize("name", CLASSES)
-def test_the_example_of_a_class_works(name: str, names: Names, space: str) -> None:
-    found = re.search(r"```python\n(.*?)```", inspect.getdoc(CLASSES[name]) or "", re.DOTALL)
-    assert found, f"{name} has no example"
-    example = re.sub(r"(?<!serve\(switch, )(?<!serve\(compute, )timeout=1.0", "timeout=60", found[1])
+def test_docstring_example_of_a_class_works(name: str, names: Names, space: str) -> None:
+    code = re.search(r"```python\n(.*?)```", inspect.getdoc(CLASSES[name]) or "", re.DOTALL)
+    assert code, f"{name} has no example"
+    example = re.sub(r"(?<!serve\(switch, )(?<!serve\(compute, )timeout=1.0", "timeout=60", code[1])
     example = example.replace('"/', f'"{space}/').replace("[], [], 1.0)", "[], [], 60)")
     peer, text = PEERS[name]
     printed: list[str] = []
     names = {**names, "print": lambda *values: printed.append(" ".join(map(str, values)))}
-    ready, over = threading.Event(), threading.Event()
-    thread = threading.Thread(target=peer, args=(names, space, ready, over)) if peer else None
+    ready, stop = threading.Event(), threading.Event()
+    thread = threading.Thread(target=peer, args=(names, space, ready, stop)) if peer else None
     if thread:
         thread.start()
         assert ready.wait(60)
@@ -143,9 +143,9 @@ def test_the_example_of_a_class_works(name: str, names: Names, space: str) -> No
         end = time.monotonic() + 60
         exec(example, names)
         while not any(text in line for line in printed) and text and time.monotonic() < end:
-            exec(example, names)  # a server that ended before its client asked
+            exec(example, names)  # repeat if a server ended before its client sent a request
     finally:
-        over.set()
+        stop.set()
         if thread:
             thread.join()
     assert not text or any(text in line for line in printed), printed

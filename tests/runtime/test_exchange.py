@@ -1,4 +1,4 @@
-"""Publisher and subscriber: what goes in comes out, in order, and what is lost is counted."""
+"""Samples of a publisher arrive at a subscriber in order, and the subscriber counts missed samples."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from .messages import (
     Scan,
     ScanPublisher,
     ScanSubscriber,
+    is_whole,
     pose,
-    whole,
 )
 
 
 def renumber(publisher, completed):
-    """As if `completed` samples had been written; the newest is there again under its new number."""
+    """Pretend that `completed` samples were written. The newest sample gets the new number."""
     region = region_of(publisher)
     region.words[h.COMPLETED0] = region.words[region.number_at(completed)] = completed
     publisher._end.sequence = completed
@@ -45,7 +45,7 @@ def numbers(messages):
     return [message.position.x for message in messages]
 
 
-def test_wrong_arguments_are_answered_in_the_words_of_the_api(topic):
+def test_wrong_arguments_raise_helpful_errors(topic):
     with pytest.raises(TypeError, match=r"Point takes its fields by name: Point\(x=3\)"):
         Point(3)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
@@ -60,7 +60,7 @@ def test_wrong_arguments_are_answered_in_the_words_of_the_api(topic):
 # --- two processes -------------------------------------------------------------------------------
 
 
-def test_reader_first(topic, other):
+def test_reader_may_open_the_topic_first(topic, other):
     reader = other("read", topic)
     with PosePublisher(topic) as publisher:
         for x in (1.5, -2.5):
@@ -68,7 +68,7 @@ def test_reader_first(topic, other):
             assert reader.ask("go") == str(x)
 
 
-def test_writer_first(topic, other):
+def test_writer_may_open_the_topic_first(topic, other):
     writer = other("publish", topic)
     assert writer.ask(1.0) == "1"
     assert writer.ask(2.0) == "2"
@@ -80,15 +80,15 @@ def test_writer_first(topic, other):
         assert subscriber.read().position.x == 3.0
 
 
-def test_a_killed_writer_leaves_its_last_sample_and_the_next_goes_on(topic, other):
+def test_next_writer_continues_after_a_killed_writer(topic, other):
     writer = other("flood", topic)
     with PoseSubscriber(topic) as subscriber, PoseSubscriber(topic) as second:
         subscriber.wait(20)
         writer.kill()
         until = time.monotonic() + 20
         while (last := second.read()) is None and time.monotonic() < until:
-            pass  # where the lock is needed, and it was killed inside: until that is healed
-        assert whole(last)
+            pass  # if the lock is required and the killed writer held the lock: until the lock is recovered
+        assert is_whole(last)
         subscriber.read()
         with PosePublisher(topic) as publisher:
             before = publisher.sequence
@@ -98,35 +98,35 @@ def test_a_killed_writer_leaves_its_last_sample_and_the_next_goes_on(topic, othe
             assert subscriber.read().position.x == -1.0
 
 
-def test_nothing_torn_and_everything_counted_under_a_flood(topic, other):
-    """The reader does not take the lock for long enough to slow the writer, which goes on without it."""
+def test_flood_tears_no_sample_and_counts_missed_samples(topic, other):
+    """Use a reader and a writer that do not wait for the lock, so that the reader does not slow the writer."""
     with PoseSubscriber(topic, depth=4, lock_timeout=0) as subscriber:
         other("flood", topic, 4)
         read = 0
         last = 0.0
-        begun = time.monotonic()
-        while time.monotonic() < begun + (1.0 if read > 10 else 15.0):
+        start = time.monotonic()
+        while time.monotonic() < start + (1.0 if read > 10 else 15.0):
             for message in subscriber.read_all():
-                assert whole(message)
+                assert is_whole(message)
                 assert message.position.x > last
                 last = message.position.x
                 read += 1
         assert read > 10
-        # The flood's own number says how many there were.
+        # The flood numbers its samples from 1, so the last number is their count.
         assert read + subscriber.missed == last == subscriber.sequence
 
 
 # --- reading -------------------------------------------------------------------------------------
 
 
-def test_any_object_and_the_class_itself(topic):
+def test_publish_and_read_into_accept_any_class(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert subscriber.read() is None
         publisher.publish(pose(1.0))
         assert subscriber.read() == Pose(position=Point(x=1, y=1, z=1), orientation=Quaternion(x=1, y=1, z=1, w=1))
-        ours = Pose(position=Point(x=0.25))
-        publisher.publish(ours)
-        ours.position.x = 99.0
+        original = Pose(position=Point(x=0.25))
+        publisher.publish(original)
+        original.position.x = 99.0
         assert subscriber.read() == Pose(position=Point(x=0.25))
         target = pose(0.0)
         assert not subscriber.read_into(target)
@@ -134,14 +134,14 @@ def test_any_object_and_the_class_itself(topic):
         assert subscriber.read_into(target)
         assert target == pose(4.0)
         publisher.publish(pose(5.0))
-        again = Pose()
-        assert subscriber.read_into(again)
-        assert again.position.x == 5.0
+        second_target = Pose()
+        assert subscriber.read_into(second_target)
+        assert second_target.position.x == 5.0
         publisher.publish(pose(6.0))
-        assert again.position.x == 5.0
+        assert second_target.position.x == 5.0
 
 
-def test_what_was_read_is_the_readers_own(topic):
+def test_later_samples_do_not_change_a_read_message(topic):
     with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
         publisher.publish(scan(1))
         first = subscriber.read()
@@ -156,30 +156,30 @@ def test_late_subscriber_gets_the_newest_only(topic):
     with PosePublisher(topic, depth=4) as publisher:
         for x in range(6):
             publisher.publish(pose(x))
-        with PoseSubscriber(topic, depth=4) as one, PoseSubscriber(topic, depth=4) as two:
-            assert numbers(one.read_all()) == [5.0]
-            assert two.read().position.x == 5.0
-            assert one.missed == two.missed == 0
+        with PoseSubscriber(topic, depth=4) as first, PoseSubscriber(topic, depth=4) as second:
+            assert numbers(first.read_all()) == [5.0]
+            assert second.read().position.x == 5.0
+            assert first.missed == second.missed == 0
             publisher.publish(pose(6))
-            assert numbers(one.read_all()) == [6.0]
-            assert one.read_all() == []
+            assert numbers(first.read_all()) == [6.0]
+            assert first.read_all() == []
 
 
-@pytest.mark.parametrize(("depth", "written"), [(4, 3), (4, 8), (4, 9), (4, 30), (1, 1), (1, 5), (16, 10)])
-def test_read_all_in_order_and_misses_exact(topic, depth, written):
+@pytest.mark.parametrize(("depth", "count"), [(4, 3), (4, 8), (4, 9), (4, 30), (1, 1), (1, 5), (16, 10)])
+def test_read_all_keeps_the_order_and_counts_missed_samples(topic, depth, count):
     with PosePublisher(topic, depth=depth) as publisher, PoseSubscriber(topic, depth=depth) as subscriber:
         slots = region_of(publisher).header.slots
         for round in range(3):
-            for x in range(written):
-                publisher.publish(pose(round * written + x))
-            there = min(written, slots)
-            end = (round + 1) * written
-            assert numbers(subscriber.read_all()) == [float(x) for x in range(end - there, end)]
-            assert subscriber.missed == (round + 1) * (written - there)
+            for x in range(count):
+                publisher.publish(pose(round * count + x))
+            available = min(count, slots)
+            end = (round + 1) * count
+            assert numbers(subscriber.read_all()) == [float(x) for x in range(end - available, end)]
+            assert subscriber.missed == (round + 1) * (count - available)
 
 
-def test_a_sample_being_overwritten_is_not_there(topic):
-    """A writer stopped, or killed, in its copy: the oldest is gone, the newest is not."""
+def test_read_all_skips_a_partly_overwritten_sample(topic):
+    """Skip only the oldest sample if a writer stops, or is killed, while it copies a new sample."""
     with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
         for x in range(1, 5):
             publisher.publish(pose(x))
@@ -190,8 +190,8 @@ def test_a_sample_being_overwritten_is_not_there(topic):
         assert numbers(subscriber.read_all()) == [5.0]
 
 
-def test_the_number_in_the_slot_counts(topic):
-    """That alone says what lies there, and whether it is whole."""
+def test_reader_checks_the_sample_number_in_the_slot(topic):
+    """Ignore a slot with an unexpected sample number, because the sample may be incomplete."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         place = region_of(publisher).number_at(1)
@@ -203,7 +203,7 @@ def test_the_number_in_the_slot_counts(topic):
         assert subscriber.read().position.x == 1.0
 
 
-def test_read_counts_what_it_skips(topic):
+def test_read_counts_skipped_samples_as_missed(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         for x in range(5):
             publisher.publish(pose(x))
@@ -214,7 +214,7 @@ def test_read_counts_what_it_skips(topic):
 # --- numbers -------------------------------------------------------------------------------------
 
 
-def test_after_the_last_number_comes_that_of_slots(topic):
+def test_sample_number_wraps_to_the_number_of_slots(topic):
     with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
         publisher.publish(pose(0))
         renumber(publisher, 0xFFFFFFFE)
@@ -224,18 +224,18 @@ def test_after_the_last_number_comes_that_of_slots(topic):
             assert publisher.sequence == number
             assert subscriber.read().position.x == x
             assert subscriber.sequence == number
-        # The sample before the turn was read over, those after it one by one.
+        # Only sample 0xFFFFFFFE was missed.
         assert subscriber.missed == 1
 
 
-def test_misses_across_the_last_number(topic):
+def test_wrap_of_sample_numbers_counts_nothing_as_missed(topic):
     with PosePublisher(topic, depth=2) as publisher, PoseSubscriber(topic, depth=2) as subscriber:
         publisher.publish(pose(0))
         renumber(publisher, 0xFFFFFFFE)
         subscriber._end.last = 0xFFFFFFFE
         for x in range(3):
             publisher.publish(pose(x))
-        # The numbers 0 .. slots - 1 do not come again, so the distance across the turn leaves them out.
+        # After the wrap, the numbers 0 to slots - 1 are unused, so they do not count as missed.
         assert numbers(subscriber.read_all()) == [0.0, 1.0, 2.0]
         assert subscriber.missed == 0
 
@@ -244,13 +244,13 @@ def test_misses_across_the_last_number(topic):
     ("older", "newer", "steps"),
     [(0, 1, 1), (5, 9, 4), (0xFFFFFFFF, 4, 1), (0xFFFFFFFE, 4, 2), (0xFFFFFFFE, 7, 5), (7, 7, 0)],
 )
-def test_steps_between_numbers(older, newer, steps):
+def test_steps_between_sample_numbers(older, newer, steps):
     assert h.steps(older, newer, 4) == steps
     assert after(older, steps, 4) == newer
 
 
-@pytest.mark.parametrize("way", ["read", "read_all"])
-def test_a_region_begun_anew(topic, way):
+@pytest.mark.parametrize("method", ["read", "read_all"])
+def test_reader_continues_after_sample_numbers_restart(topic, method):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         for x in range(9):
             publisher.publish(pose(x))
@@ -258,12 +258,12 @@ def test_a_region_begun_anew(topic, way):
         missed = subscriber.missed
         region_of(publisher).words[h.COMPLETED0] = publisher._end.sequence = 0
         publisher.publish(pose(50))
-        got = subscriber.read() if way == "read" else subscriber.read_all()[0]
-        assert got.position.x == 50.0
+        message = subscriber.read() if method == "read" else subscriber.read_all()[0]
+        assert message.position.x == 50.0
         assert (subscriber.sequence, subscriber.missed) == (1, missed)
 
 
-def test_a_region_begun_anew_and_still_empty(topic):
+def test_restarted_region_without_samples_returns_nothing(topic):
     with PoseSubscriber(topic) as subscriber:
         subscriber._end.last = 5
         assert subscriber.read() is None
@@ -273,8 +273,8 @@ def test_a_region_begun_anew_and_still_empty(topic):
 
 @pytest.mark.parametrize("before", [1, 2])
 @pytest.mark.usefixtures("in_python")
-def test_counters_turn_at_32_bits(topic, before):
-    """The lock's at the publisher, or at the reader."""
+def test_counters_wrap_at_32_bits(topic, before):
+    """Let the count of lock acquisitions wrap in the publisher, or in the reader."""
     with PosePublisher(topic) as first:
         region_of(first).words[h.HEARTBEAT] = 0xFFFFFFFE
         region_of(first).words[h.LOCK_COUNT] = 2**32 - before
@@ -292,7 +292,7 @@ def test_counters_turn_at_32_bits(topic, before):
         assert (words[h.MISSED], subscriber.missed) == (1, 2)
 
 
-def test_the_next_writer_goes_on_counting(topic):
+def test_next_writer_continues_numbers_and_heartbeat(topic):
     for expected in (1, 2, 3):
         with PosePublisher(topic) as publisher:
             publisher.publish(pose(expected))
@@ -302,7 +302,7 @@ def test_the_next_writer_goes_on_counting(topic):
 # --- time ----------------------------------------------------------------------------------------
 
 
-def test_age(topic):
+def test_age_is_the_time_since_the_stamp(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert subscriber.age is None
         publisher.publish(pose(1))
@@ -320,7 +320,7 @@ def test_age(topic):
         assert subscriber.age is None
 
 
-def test_wait(topic, other):
+def test_wait_returns_a_sample_or_none_after_the_timeout(topic, other):
     writer = other("publish", topic)
     with PoseSubscriber(topic) as subscriber:
         before = time.monotonic()
@@ -331,12 +331,12 @@ def test_wait(topic, other):
         assert subscriber.wait(5).position.x == 3.0
 
 
-def test_a_writer_that_came_long_after_the_opening_is_not_stale(topic):
+def test_late_writer_is_not_stale_at_once(topic):
     with PoseSubscriber(topic) as subscriber:
         time.sleep(0.2)
         with PosePublisher(topic) as publisher:
             publisher.publish(pose(1))
-            assert not subscriber.is_stale(0.1), "at the first look"
+            assert not subscriber.is_stale(0.1), "at the first check"
             time.sleep(0.15)
             assert subscriber.is_stale(0.1)
     with PoseSubscriber(topic) as subscriber:
@@ -345,7 +345,7 @@ def test_a_writer_that_came_long_after_the_opening_is_not_stale(topic):
         assert subscriber.is_stale(0.1)
 
 
-def test_ready_sleeps_until_it_is_woken(topic):
+def test_ready_sleeps_until_a_sample_arrives(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         threading.Timer(0.1, publisher.publish, [pose(1)]).start()
         before = time.thread_time()
@@ -371,7 +371,7 @@ def test_ready_waits_and_reads_nothing(topic, other):
 
 
 @pytest.mark.usefixtures("on_x86")
-def test_a_held_lock_does_not_stop_anybody(topic, other):
+def test_x86_continues_without_a_busy_lock(topic, other):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         holder = other("hold", topic)
@@ -390,37 +390,37 @@ def test_a_held_lock_does_not_stop_anybody(topic, other):
 
 
 @pytest.mark.usefixtures("on_x86", "unhealed")
-def test_a_stuck_lock_is_waited_for_once(topic, other, monkeypatch):
-    noted = []
+def test_stuck_lock_delays_only_the_first_call(topic, other, monkeypatch):
+    timeouts = []
     try_for = lock.Lock._try_for
-    monkeypatch.setattr(lock.Lock, "_try_for", lambda *wait: noted.append(wait[1]) or try_for(*wait))
+    monkeypatch.setattr(lock.Lock, "_try_for", lambda *wait: timeouts.append(wait[1]) or try_for(*wait))
     with PosePublisher(topic, lock_timeout=0.02) as publisher:
         words = region_of(publisher).words
         publisher.publish(pose(0))
         holder = other("hold", topic)
-        assert noted == []
+        assert timeouts == []
         for x in range(20):
             publisher.publish(pose(x))
-        assert noted == [0.02]
-        # Somebody got in: it is not stuck, and worth waiting for again.
+        assert timeouts == [0.02]
+        # Another process acquired the lock. The lock is not stuck, so the publisher waits again.
         words[h.LOCK_COUNT] += 1
         for x in range(20):
             publisher.publish(pose(x))
-        assert noted == [0.02, 0.02]
+        assert timeouts == [0.02, 0.02]
         assert publisher.lock_misses == 40
-        # Whoever opens while somebody is inside waits once too.
+        # A subscriber that opens while the lock is busy also waits once.
         with PoseSubscriber(topic, lock_timeout=0.01) as subscriber:
             for x in range(20):
                 publisher.publish(pose(x))
                 assert subscriber.read().position.x == x
-        assert noted == [0.02, 0.02, 0.01]
+        assert timeouts == [0.02, 0.02, 0.01]
         holder.end()
         publisher.publish(pose(1))
         assert publisher.lock_misses == 60
 
 
 @pytest.mark.usefixtures("on_arm", "unhealed")
-def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
+def test_arm_reads_and_writes_nothing_without_the_lock(topic, file, other):
     with PosePublisher(topic, depth=4, lock_timeout=0.01) as publisher, PoseSubscriber(topic, depth=4) as subscriber:
         publisher.publish(pose(1))
         publisher.publish(pose(2))
@@ -430,7 +430,7 @@ def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
             publisher.publish(pose(3))
         assert subscriber.read() is None
         assert subscriber.read_all() == []
-        assert (subscriber.sequence, subscriber.lock_misses) == (0, 2), "one try of the lock a call"
+        assert (subscriber.sequence, subscriber.lock_misses) == (0, 2), "one attempt per call"
         assert subscriber.read_into(Pose()) is False
         assert file.read_bytes() == before
         holder.end()
@@ -441,17 +441,17 @@ def test_where_stores_pass_each_other_the_lock_is_needed(topic, file, other):
 
 
 @pytest.mark.usefixtures("in_python")
-def test_who_is_inside_stands_in_the_header(topic):
-    """Seen by a copy that looks at the header meanwhile. Of C the explorer says so."""
-    seen = []
+def test_header_names_the_holder_of_the_lock(topic):
+    """Read the header during the copy. The explorer checks the same for the engine in C."""
+    log = []
     with PosePublisher(topic) as publisher:
         region, map = region_of(publisher), publisher._end.region.map
         words = region.words
 
         class Spy:
-            def __setitem__(self, where, data):
-                seen.append((words[h.LOCK_HOLDER], words[region.number_at(1)], words[h.COMPLETED0], words[h.HEARTBEAT]))
-                map[where] = data
+            def __setitem__(self, key, data):
+                log.append((words[h.LOCK_HOLDER], words[region.number_at(1)], words[h.COMPLETED0], words[h.HEARTBEAT]))
+                map[key] = data
 
             def close(self):
                 map.close()
@@ -460,7 +460,7 @@ def test_who_is_inside_stands_in_the_header(topic):
         publisher.publish(pose(1))
         publisher.publish(pose(2))
     pid = runtime.read_header(runtime.region_name(topic)).writer
-    assert seen == [(pid, 0, 0, 1), (pid, 1, 1, 2)]
+    assert log == [(pid, 0, 0, 1), (pid, 1, 1, 2)]
 
 
 # --- values that do not fit, and long arrays -----------------------------------------------------
@@ -470,7 +470,7 @@ def test_who_is_inside_stands_in_the_header(topic):
     ("field", "value", "path"),
     [("position", SimpleNamespace(x=0.0, y="one", z=0.0), "position.y"), ("orientation", None, "orientation.x")],
 )
-def test_a_rejected_value_leaves_the_former_sample(topic, file, field, value, path):
+def test_rejected_value_keeps_the_former_sample(topic, file, field, value, path):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         before = file.read_bytes()
@@ -490,7 +490,7 @@ def scan(id, count=LONG, name="laser"):
     return SimpleNamespace(id=id, ranges=ranges, data=bytes([id % 256]) * count, name=name)
 
 
-def test_bytes_behind_the_count_of_a_long_array_are_zero(topic):
+def test_bytes_after_the_count_of_a_long_array_are_zero(topic):
     with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
         for id, count, name in ((1, LONG, "a"), (2, 10, "bc"), (3, 5, ""), (4, 0, "x" * 16), (5, LONG, "é")):
             publisher.publish(scan(id, count, name))
@@ -500,12 +500,12 @@ def test_bytes_behind_the_count_of_a_long_array_are_zero(topic):
             assert target.ranges == [float(id)] * LONG
         publisher.publish(scan(6, 3, "n"))
         message = subscriber.wait(0)
-        # Slot 0 has held sample 2 with ten bytes: nothing of them is left behind the count.
+        # Slot 0 held the ten bytes of sample 2. The bytes after the new count are zero.
         start = Scan.data.step.offset
         assert bytes(message)[start : start + 12] == b"\6\6\6" + bytes(9)
 
 
-def test_a_late_array_that_does_not_fit(topic, file):
+def test_rejected_long_array_changes_no_byte(topic, file):
     with ScanPublisher(topic) as publisher:
         publisher.publish(scan(1))
         before = file.read_bytes()
@@ -522,14 +522,14 @@ def test_a_late_array_that_does_not_fit(topic, file):
             assert file.read_bytes() == before
         data = bytearray(5)
         publisher.publish(SimpleNamespace(id=2, ranges=[0.0] * LONG, data=data, name=""))
-        data.append(1)  # no view of it is left
+        data.append(1)  # the publisher keeps no view of the array
         with pytest.raises(runtime.ValueRejected):
             publisher.publish(SimpleNamespace(id=3, ranges=[0.0] * LONG, data=data, name="x" * 17))
         data.append(1)
 
 
 @pytest.mark.usefixtures("in_python")
-def test_a_fence_keeps_a_copy_behind_the_number_that_announces_it(topic, monkeypatch):
+def test_fences_order_the_copy_and_the_sample_number(topic, monkeypatch):
     with ScanPublisher(topic) as publisher:
         region, fences = region_of(publisher), []
         words, number = region.words, region.number_at(1)
@@ -541,16 +541,16 @@ def test_a_fence_keeps_a_copy_behind_the_number_that_announces_it(topic, monkeyp
         assert fences == [(0, 0), (1, 1)]
 
 
-def test_a_long_structure_goes_as_it_is(topic):
-    ours = Scan(id=9, name="whole")
+def test_long_message_is_copied_byte_for_byte(topic):
+    original = Scan(id=9, name="whole")
     with ScanPublisher(topic) as publisher, ScanSubscriber(topic) as subscriber:
-        publisher.publish(ours)
+        publisher.publish(original)
         message = subscriber.read()
-        assert bytes(message) == bytes(ours)
-        publisher.publish(ours)
+        assert bytes(message) == bytes(original)
+        publisher.publish(original)
         target = Scan()
         assert subscriber.read_into(target)
-        assert bytes(target) == bytes(ours)
+        assert bytes(target) == bytes(original)
         place = region_of(publisher).sample(2).start
         assert struct.unpack_from("<II", region_of(publisher).map, place + 8) == (2, 0)
 
@@ -558,11 +558,11 @@ def test_a_long_structure_goes_as_it_is(topic):
 # --- the messages themselves ---------------------------------------------------------------------
 
 
-def test_a_list_that_grows_while_it_is_encoded_stays_in_its_room():
-    """By a property of its own first element."""
+def test_list_growing_while_encoded_stays_within_its_bound():
+    """Let a property of an element extend the list."""
     points = []
 
-    class Odd:
+    class GrowingPoint:
         y = z = 0.0
 
         @property
@@ -570,13 +570,13 @@ def test_a_list_that_grows_while_it_is_encoded_stays_in_its_room():
             points.extend([Point(x=9.0)] * 5)
             return 1.0
 
-    points += [Odd(), Odd()]
+    points += [GrowingPoint(), GrowingPoint()]
     into = bytearray(5 * 24)
     assert walker.encode_array(Step("points", Point, 0, 24, 3, 96), points, into, 0) == (2, 0)
     assert into[48:] == bytes(3 * 24)
 
 
-def test_message_defaults_names_and_text():
+def test_message_defaults_fields_equality_and_repr():
     assert repr(Pose(position=Point(x=1.5))) == (
         "Pose(position=Point(x=1.5, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))"
     )
@@ -590,7 +590,7 @@ def test_message_defaults_names_and_text():
         hash(Point())
 
 
-def test_long_arrays_are_shown_short_and_compared_by_value():
+def test_repr_shortens_long_arrays_and_equality_compares_them():
     class Many(runtime.Message):
         import ctypes
 
@@ -600,11 +600,11 @@ def test_long_arrays_are_shown_short_and_compared_by_value():
 
     text = repr(Many())
     assert text == f"Many(data=[{'0, ' * 32}... 100 in all])"
-    one, two = Many(), Many()
-    assert one == two
-    two.data[99] = 1
-    assert one != two
-    assert (one == 5) is False
+    first, second = Many(), Many()
+    assert first == second
+    second.data[99] = 1
+    assert first != second
+    assert (first == 5) is False
 
     class AllShown(runtime.Message):
         import ctypes
@@ -616,7 +616,7 @@ def test_long_arrays_are_shown_short_and_compared_by_value():
     assert "..." not in repr(AllShown())
 
 
-def test_a_sequence_prints_like_a_list():
+def test_repr_of_a_sequence_is_like_a_list():
     class Bag(runtime.Message):
         _table_version_ = 1
         _size_ = 136
@@ -633,7 +633,7 @@ def test_a_sequence_prints_like_a_list():
     assert repr(bag.points) == f"[{', '.join(3 * ['Point(x=0.0, y=0.0, z=0.0)'])}]"
 
 
-def test_a_class_without_a_table_takes_only_its_own(topic):
+def test_class_without_a_table_accepts_only_its_own_objects(topic):
     class Bare(runtime.Message):
         _fields_ = (("data", ctypes.c_uint8 * 8),)
         _names_ = ("data",)

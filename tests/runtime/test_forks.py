@@ -1,4 +1,4 @@
-"""A forked child: it holds nothing of its parent, and is told so; and who really holds a claim."""
+"""A forked child keeps no claim of its parent and raises InForkedChild. Errors name the real holder of a claim."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from ..support.tracing import traced
 from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
 
 
-def in_child(work):
-    """What `work` returns in a forked child, as text."""
+def run_in_child(work):
+    """Run `work` in a forked child and return its result as text."""
     read, write = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -45,7 +45,7 @@ def in_child(work):
         return answers.read()
 
 
-def told(call):
+def catch_error(call):
     try:
         call()
     except runtime.ShmError as error:
@@ -54,49 +54,49 @@ def told(call):
 
 
 def open_files():
-    found = []
+    files = []
     for descriptor in os.listdir("/proc/self/fd"):
-        with suppress(FileNotFoundError):  # that of this list
-            found.append(os.readlink(f"/proc/self/fd/{descriptor}"))
-    return found
+        with suppress(FileNotFoundError):  # the descriptor of this listing
+            files.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+    return files
 
 
 each_engine = pytest.mark.usefixtures("each_engine")
 
 
 @each_engine
-def test_a_child_holds_nothing_and_is_told(topic):
+def test_forked_child_keeps_no_file_and_raises_an_error(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         calls = [lambda: publisher.publish(pose(2)), publisher.heartbeat, subscriber.read, lambda: subscriber.wait(0)]
         for call in calls:
-            answer = in_child(lambda call=call: told(call))
+            answer = run_in_child(lambda call=call: catch_error(call))
             assert answer.startswith(f"InForkedChild: {topic}: this ")
             assert f"belongs to process {os.getpid()}, from which this one was forked" in answer
         assert f"/dev/shm/{runtime.region_name(topic)}" in open_files()
-        names = in_child(open_files)
+        names = run_in_child(open_files)
         assert "pipe:" in names
         assert runtime.region_name(topic) not in names
-        in_child(lambda: (publisher.close(), subscriber.close()))
+        run_in_child(lambda: (publisher.close(), subscriber.close()))
         publisher.publish(pose(3))
         assert subscriber.read().position.x == 3.0
 
 
 @each_engine
-def test_a_child_opens_its_own(topic):
+def test_forked_child_may_open_its_own_subscriber(topic):
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1))
 
-        def own():
+        def read_newest():
             with PoseSubscriber(topic) as subscriber:
                 return subscriber.read().position.x
 
-        assert in_child(own) == "1.0"
+        assert run_in_child(read_newest) == "1.0"
 
 
 @pytest.mark.usefixtures("in_python")
-def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
-    """The map has a descriptor of its own, and with it the claim."""
+def test_fork_or_interrupt_while_closing_keeps_no_claim(topic):
+    """Close the map's own file descriptor as well, because an open descriptor keeps the claim."""
     publisher = PosePublisher(topic)
     region, names = publisher._end.region, []
     map = region.map
@@ -107,7 +107,7 @@ def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
                 map.close()
                 return
             names.append("")
-            names[0] = in_child(open_files)
+            names[0] = run_in_child(open_files)
             raise KeyboardInterrupt
 
     region.map = Map()
@@ -121,14 +121,14 @@ def test_a_fork_or_an_exception_in_the_middle_of_closing(topic):
 
 @pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT)
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
-def test_a_child_forked_while_close_waits_for_another_thread(topic):
-    """close() waits until the thread's wait() returns, up to WAKE_MS. A signal handler forks in the meantime."""
+def test_child_forked_while_close_waits_keeps_no_file(topic):
+    """Create the child in a signal handler, while close() waits (up to WAKE_MS) for another thread's wait()."""
     name, answers = f"/dev/shm/{runtime.region_name(topic)}", []
     deadline = time.monotonic() + 30 * machine.slower
 
     def fork(*_):
         if name in open_files():  # in the parent: close() has not finished
-            answers.append(in_child(lambda: (told(subscriber.read).split(":")[0], name in open_files())))
+            answers.append(run_in_child(lambda: (catch_error(subscriber.read).split(":")[0], name in open_files())))
 
     def wait_until_closed():
         with suppress(runtime.Closed):
@@ -152,26 +152,26 @@ def test_a_child_forked_while_close_waits_for_another_thread(topic):
 
 
 @each_engine
-def test_closing_does_not_wait_for_a_child_that_has_not_run_yet(topic):
-    """Which has the file, and so the claim, until it has its turn."""
+def test_close_releases_the_claim_before_a_child_has_run(topic):
+    """Release the claim although a child still has the file open. Duplicated descriptors simulate the child."""
     publisher = PosePublisher(topic)
     name = f"/dev/shm/{runtime.region_name(topic)}"
-    mine = [int(one) for one in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{one}")]
-    also = [os.dup(one) for one in mine if os.readlink(f"/proc/self/fd/{one}") == name]  # as a child has them
-    assert also
+    fds = [int(fd) for fd in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{fd}")]
+    copies = [os.dup(fd) for fd in fds if os.readlink(f"/proc/self/fd/{fd}") == name]  # like those of a child
+    assert copies
     try:
         with pytest.raises(runtime.RegionInUse):
             PosePublisher(topic)
         publisher.close()
         PosePublisher(topic).close()
     finally:
-        for one in also:
-            os.close(one)
+        for fd in copies:
+            os.close(fd)
 
 
 @each_engine
-def test_a_child_that_touches_nothing_keeps_no_claim(topic):
-    """Of a fork that Python knows nothing of, so that nothing is let go there."""
+def test_child_of_a_fork_in_c_keeps_no_claim(topic):
+    """Call fork() in C, so that Python runs no fork handlers in the child."""
     publisher = PosePublisher(topic)
     pid = ctypes.PyDLL(None).fork()
     if pid == 0:
@@ -179,8 +179,8 @@ def test_a_child_that_touches_nothing_keeps_no_claim(topic):
         os._exit(0)
     try:
         publisher.close()
-        with PosePublisher(topic) as next_one:
-            next_one.publish(pose(1))
+        with PosePublisher(topic) as next_publisher:
+            next_publisher.publish(pose(1))
     finally:
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
@@ -188,20 +188,20 @@ def test_a_child_that_touches_nothing_keeps_no_claim(topic):
 
 @pytest.mark.usefixtures("in_python")
 @pytest.mark.slow
-def test_a_fork_between_any_two_instructions(topic):
-    """Of opening, publishing, reading and closing, each 37th, by a child that has neither file nor map then."""
-    name, held, forks = runtime.region_name(topic), [], 0
+def test_fork_between_any_two_instructions_keeps_no_claim(topic):
+    """Create a child at every 37th instruction of the endpoints' calls. The child has neither file nor map."""
+    name, leaking_functions, forks = runtime.region_name(topic), [], 0
 
-    def work():
+    def use_topic():
         with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
             publisher.publish(pose(1))
             assert subscriber.read()
 
-    def inherited():
+    def has_inherited():
         maps = open("/proc/self/maps").read()  # noqa: SIM115 the child ends
         return f"/dev/shm/{name}" in maps or any(f"/dev/shm/{name}" in file for file in open_files())
 
-    def forked_at(step):
+    def fork_at(step):
         nonlocal forks
         left = step
 
@@ -214,20 +214,20 @@ def test_a_fork_between_any_two_instructions(topic):
                 left -= 1
                 if left == 0:
                     forks += 1
-                    if in_child(inherited) == "True":
-                        held.append(frame.f_code.co_name)
+                    if run_in_child(has_inherited) == "True":
+                        leaking_functions.append(frame.f_code.co_name)
             return trace
 
         with traced(trace):
-            work()
+            use_topic()
         return left <= 0
 
     steps = iter(range(1, 100_000, 37))
-    while forked_at(next(steps)):
+    while fork_at(next(steps)):
         pass
     assert forks > 100
-    # Where a descriptor, or a view, is on its way from the call that made it to the name it gets.
-    assert set(held) <= {
+    # In these functions, a new descriptor or view is not yet assigned to its name.
+    assert set(leaking_functions) <= {
         "opened",
         "_open",
         "open_region",
@@ -238,24 +238,24 @@ def test_a_fork_between_any_two_instructions(topic):
         "ordered",
         "keeps_order",
     }
-    assert len(held) <= forks // 30, (held, forks)
+    assert len(leaking_functions) <= forks // 30, (leaking_functions, forks)
 
 
 @pytest.mark.usefixtures("in_python")
-def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic):
-    """As by another thread, or by a signal handler: the child has the parent's note of the lock, and not the lock."""
+def test_fork_during_a_copy_leaves_the_lock_to_the_parent(topic):
+    """Create a child during a copy. The child inherits its parent's note of the lock, but not the lock."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        region, seen = publisher._end.region, []
+        region, states = publisher._end.region, []
 
         def fork():
-            in_child(lambda: None)
-            seen.append((region.semaphore.value, region.words[h.LOCK_HOLDER], repairing()))
+            run_in_child(lambda: None)
+            states.append((region.semaphore.value, region.words[h.LOCK_HOLDER], is_repairing()))
 
-        def repairing():
-            """By us, whose own locks a second descriptor meets."""
+        def is_repairing():
+            """Return True if this process holds the repair lock, which conflicts with a second descriptor."""
             with open(f"/dev/shm/{runtime.region_name(topic)}", "rb") as file:
-                asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0)
-                kind, *_ = _FLOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_OFD_GETLK, asked))
+                query = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, REPAIR_LOCK, 1, 0)
+                kind, *_ = _FLOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_OFD_GETLK, query))
                 return kind != fcntl.F_UNLCK
 
         swap_map(publisher, fork)
@@ -264,23 +264,23 @@ def test_a_fork_in_the_middle_of_a_copy_leaves_the_lock_to_the_parent(topic):
         assert publisher._end.lock.acquire()
         fork()
         publisher._end.lock.release()
-        assert seen == [(0, os.getpid(), False), (0, os.getpid(), True)]
+        assert states == [(0, os.getpid(), False), (0, os.getpid(), True)]
         assert region.semaphore.value == 1
         assert subscriber.read().position.x == 1.0
 
 
 @pytest.mark.usefixtures("in_python")
-def test_a_fork_while_it_opens_takes_no_claim_along(topic, monkeypatch):
-    """By another thread, just after the claim."""
+def test_fork_while_opening_keeps_no_claim(topic, monkeypatch):
+    """Create the child just after the claim, as another thread can."""
     names = []
 
-    def forked(*arguments):
-        made = yield from claim(*arguments)
-        names.append(in_child(open_files))
-        return made
+    def claim_and_fork(*arguments):
+        result = yield from claim(*arguments)
+        names.append(run_in_child(open_files))
+        return result
 
     claim = writer.claim
-    monkeypatch.setattr(writer, "claim", forked)
+    monkeypatch.setattr(writer, "claim", claim_and_fork)
     PosePublisher(topic).close()
     assert "pipe:" in names[0]
     assert runtime.region_name(topic) not in names[0]
@@ -292,15 +292,15 @@ def is_claimed(topic):
 
 
 @pytest.mark.usefixtures("each_engine")
-def test_a_fork_between_two_steps_of_an_opening_takes_no_claim_along(topic):
-    """As by another thread: a PLC's claim is watched meanwhile."""
+def test_fork_between_two_steps_of_opening_keeps_no_claim(topic):
+    """Create the child while the opening watches the heartbeat of a PLC, as another thread can."""
     PoseSubscriber(topic).close()
     region_of(topic).words[h.WRITER] = h.PLC
     publisher = PosePublisher.__new__(PosePublisher)
     end = publisher._begin(topic)
     while not is_claimed(topic):
         assert end.step() is not None
-    names = in_child(open_files)
+    names = run_in_child(open_files)
     assert "pipe:" in names
     assert runtime.region_name(topic) not in names
     end.close()
@@ -320,10 +320,10 @@ time.sleep(600)
 
 
 @each_engine
-def test_the_claim_ends_with_the_parent_and_not_with_its_children(topic):
-    where = os.path.dirname(__file__)
+def test_claim_ends_with_the_parent_not_with_its_children(topic):
+    folder = os.path.dirname(__file__)
     command = [sys.executable, "-c", PARENT, topic]
-    with subprocess.Popen(command, cwd=where, stdout=subprocess.PIPE, text=True) as parent:
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as parent:
         child = int(parent.stdout.readline())
         try:
             with pytest.raises(runtime.RegionInUse, match=f"process {parent.pid} publishes already"):
@@ -341,7 +341,7 @@ HIDDEN = """
 import ctypes, os, sys, time
 from messages import PosePublisher
 publisher = PosePublisher(sys.argv[1])
-fork = ctypes.PyDLL(None).fork  # Python is not told
+fork = ctypes.PyDLL(None).fork  # runs no fork handlers of Python
 pid = fork()
 if pid:
     print(pid, flush=True)
@@ -351,7 +351,7 @@ time.sleep(600)
 
 
 @pytest.mark.parametrize(
-    ("line", "held"),
+    ("line", "locked_bytes"),
     [
         ("lock:\t1: OFDLCK ADVISORY  WRITE -1 00:19:42 1 1", [1]),
         ("lock:\t1: OFDLCK ADVISORY  WRITE -1 00:19:42 0 1", [0, 1]),
@@ -360,18 +360,18 @@ time.sleep(600)
         ("ino:\t1: OFDLCK ADVISORY  WRITE -1 00:19:42 0 EOF", []),
     ],
 )
-def test_which_bytes_a_process_has_locked(tmp_path, line, held):
+def test_locked_bytes_are_read_from_fdinfo(tmp_path, line, locked_bytes):
     info = tmp_path / "fdinfo"
     info.write_text(f"pos:\t0\nflags:\t02100002\n{line}\n")
-    assert [byte for byte in range(3) if record_locks._locks(str(info), byte)] == held
+    assert [byte for byte in range(3) if record_locks._locks(str(info), byte)] == locked_bytes
 
 
 @pytest.mark.slow
 @each_engine
-def test_who_really_holds_the_claim_is_named(topic):
-    """A child of a fork that Python knows nothing of; its parent, whose pid stands in the header, is dead."""
-    where = os.path.dirname(__file__)
-    run = subprocess.Popen([sys.executable, "-c", HIDDEN, topic], cwd=where, stdout=subprocess.PIPE, text=True)
+def test_error_names_the_child_that_holds_the_claim(topic):
+    """Name a child that C forked. Its parent, whose process id is in the header, is dead."""
+    folder = os.path.dirname(__file__)
+    run = subprocess.Popen([sys.executable, "-c", HIDDEN, topic], cwd=folder, stdout=subprocess.PIPE, text=True)
     child = int(run.stdout.readline())
     run.wait()
     run.stdout.close()
@@ -380,20 +380,20 @@ def test_who_really_holds_the_claim_is_named(topic):
             PosePublisher(topic)
         for command, expected in (("doctor", f"writer: process {child} "), ("clean", f"process {child} ")):
             line = [sys.executable, "-m", "shmgen", command, topic]
-            shown = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60 * machine.slower)
-            assert expected in shown.stdout + shown.stderr
+            result = subprocess.run(line, capture_output=True, text=True, check=False, timeout=60 * machine.slower)
+            assert expected in result.stdout + result.stderr
     finally:
         os.kill(child, signal.SIGKILL)
 
 
-def test_a_child_forked_while_a_buffer_of_the_map_is_in_use_keeps_no_claim(topic, monkeypatch, in_python):
-    """As in the middle of a ring of the bell; its parent is killed, the child lives on."""
-    told, tell = os.pipe()
+def test_child_forked_while_a_map_buffer_is_in_use_keeps_no_claim(topic, monkeypatch, in_python):
+    """Create the child while the writer wakes a reader. The parent is killed, and the child continues."""
+    read_end, write_end = os.pipe()
 
     def ring(map):
         word = ctypes.c_uint32.from_buffer(map)
         if os.fork() == 0:
-            os.write(tell, os.getpid().to_bytes(4, "little"))  # by itself: what it does in a fork is done then
+            os.write(write_end, os.getpid().to_bytes(4, "little"))  # the fork handlers have run
             time.sleep(60)
             os._exit(word.value)
         os.kill(os.getpid(), signal.SIGKILL)
@@ -405,9 +405,9 @@ def test_a_child_forked_while_a_buffer_of_the_map_is_in_use_keeps_no_claim(topic
         region_of(publisher).words[h.ARMED] = 1
         publisher.publish(pose(1))
     os.waitpid(parent, 0)
-    child = int.from_bytes(os.read(told, 4), "little")
+    child = int.from_bytes(os.read(read_end, 4), "little")
     try:
         PosePublisher(topic).close()
     finally:
         os.kill(child, signal.SIGKILL)
-        os.close(told), os.close(tell)
+        os.close(read_end), os.close(write_end)

@@ -1,4 +1,4 @@
-"""An exception out of a signal handler, at any instant: the lock goes back, and the next call is as any other."""
+"""An exception from a signal handler, at any instant, releases the lock and does not affect the next call."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from ..support import machine
 from ..support.plc_demo import Memory
 from ..support.region_of import region_of
 from ..support.tracing import traced
-from .messages import PosePublisher, PoseSubscriber, pose, whole
+from .messages import PosePublisher, PoseSubscriber, is_whole, pose
 
 RUNTIME = os.path.dirname(runtime.__file__)
 INTERRUPTS = 300
 NOT_TAKEN = dis.opmap.get("NOT_TAKEN")
-"""An instruction of 3.14 that does nothing: no signal comes there, and some of them stand in no exception table."""
+"""An instruction of Python 3.14 that does nothing. No signal is handled there, and exception tables may omit it."""
 
 
 class Interrupt(BaseException):
     pass
 
 
-def interrupted_at(step, call):
-    """Calls, and raises before instruction number `step` in the runtime; True if it came to that.
+def interrupt_at(step, call):
+    """Run `call`, and raise before instruction number `step` in the runtime. Return True if `call` reached the step.
 
-    In a thread of its own: one raised where Python leaves an `except` stays for good what that thread is handling.
+    Use a new thread: an exception at the end of an `except` block remains the handled exception of its thread for good.
     """
     left = [step]
 
@@ -55,7 +55,7 @@ def interrupted_at(step, call):
                 raise Interrupt
         return trace
 
-    def work():
+    def run():
         try:
             with traced(trace):
                 call()
@@ -64,7 +64,7 @@ def interrupted_at(step, call):
         return False
 
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(work).result()
+        return thread.submit(run).result()
 
 
 @pytest.fixture
@@ -74,8 +74,8 @@ def sides(topic, each_engine):
         yield publisher, subscriber
 
 
-def healthy(publisher, subscriber, number):
-    """Nobody is inside, nobody heals, and the next sample goes through."""
+def check_health(publisher, subscriber, number):
+    """Check that the lock is free, that nobody repairs the lock, and that the next sample arrives."""
     region = region_of(publisher)
     assert region.semaphore.value == 1
     assert not record_locks.byte_is_locked(region.file, REPAIR_LOCK)
@@ -87,31 +87,31 @@ def healthy(publisher, subscriber, number):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("play", ["straight", "healing", "surplus"])
-def test_an_exception_between_any_two_instructions(topic, play, monkeypatch, in_python):
+@pytest.mark.parametrize("scenario", ["straight", "healing", "surplus"])
+def test_exception_between_any_two_instructions_releases_the_lock(topic, scenario, monkeypatch, in_python):
     monkeypatch.setattr(lock, "_STUCK_AFTER", 0.0)
     with PosePublisher(topic, lock_timeout=0) as publisher, PoseSubscriber(topic, lock_timeout=0) as subscriber:
         publisher.publish(pose(0))
 
-        def work():
+        def publish_and_read():
             publisher.publish(pose(-1))
             subscriber.read()
 
         other, raised = posix_ipc.Semaphore("/" + runtime.region_name(topic)), 0
         for step in range(1, 10_000):
-            if play == "healing":
-                other.acquire(0)  # and is never seen again
-            elif play == "surplus":
+            if scenario == "healing":
+                other.acquire(0)  # and its holder disappears
+            elif scenario == "surplus":
                 for _ in range(3):
                     other.release()
-            came = interrupted_at(step, work)
-            raised += came
-            if play == "healing" and other.value == 0:
-                publisher.publish(pose(-2))  # it was interrupted before it came to healing
-            if play == "surplus":
+            interrupted = interrupt_at(step, publish_and_read)
+            raised += interrupted
+            if scenario == "healing" and other.value == 0:
+                publisher.publish(pose(-2))  # the interrupt came before the recovery of the lock
+            if scenario == "surplus":
                 publisher.publish(pose(-2))
-            healthy(publisher, subscriber, float(step))
-            if not came:
+            check_health(publisher, subscriber, float(step))
+            if not interrupted:
                 break
         other.close()
     assert raised > 100
@@ -166,8 +166,8 @@ while True:
 @pytest.mark.usefixtures("each_engine")
 @pytest.mark.parametrize("side", ["publish", "read"])
 @pytest.mark.family("[C-publish]", "[Python-read]")
-def test_ctrl_c_at_random_instants(topic, side):
-    """Real signals to a process that does nothing else: a tenth of them left the lock taken once."""
+def test_ctrl_c_at_random_instants_releases_the_lock(topic, side):
+    """Send real signals to a process that only publishes or only reads."""
     rng = random.Random(1)
     command = [sys.executable, "-c", FLOOD, topic, side]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=os.path.dirname(RUNTIME) + "/../..")
@@ -184,38 +184,38 @@ def test_ctrl_c_at_random_instants(topic, side):
 
 
 @pytest.mark.usefixtures("in_python")
-def test_a_call_in_which_it_happened_twice_is_made_good_by_the_next(topic):
+def test_next_call_releases_a_lock_left_by_an_interrupted_call(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        assert publisher._end.region.semaphore.acquire()  # as where an exception came upon the giving back
+        assert publisher._end.region.semaphore.acquire()  # as after an exception during the release
         publisher.publish(pose(5))
         assert publisher.lock_misses == 0
         assert subscriber.read()
-        healthy(publisher, subscriber, 6.0)
+        check_health(publisher, subscriber, 6.0)
 
 
 @pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("kind", [PosePublisher, PoseSubscriber])
-def test_closing_gives_back_what_is_held(topic, kind):
+def test_close_releases_a_lock_left_by_an_interrupted_call(topic, kind):
     side = kind(topic)
     assert side._end.region.semaphore.acquire()
     side.close()
     assert region_of(topic).semaphore.value == 1
 
 
-# --- one that is used while it is used ---------------------------------------------------------------------------
+# --- calls during a call of the same endpoint ---------------------------------------------------------------------
 
 
 SAMPLES = 400
 
 
 def check_all(subscriber, numbers):
-    """That each has come once, and whole."""
-    got = []
+    """Check that each sample arrived once and complete."""
+    positions = []
     for message in subscriber.read_all():
-        assert whole(message)
-        got.append(message.position.x)
+        assert is_whole(message)
+        positions.append(message.position.x)
     assert subscriber.missed == 0
-    assert sorted(got) == sorted(numbers)
+    assert sorted(positions) == sorted(numbers)
 
 
 @pytest.fixture
@@ -224,7 +224,7 @@ def pair(topic, each_engine):
         yield publisher, subscriber
 
 
-def test_two_threads_publish_on_one_publisher(pair):
+def test_two_threads_may_share_a_publisher(pair):
     publisher, subscriber = pair
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
@@ -240,18 +240,18 @@ def test_two_threads_publish_on_one_publisher(pair):
     check_all(subscriber, map(float, range(2 * SAMPLES)))
 
 
-def test_a_signal_handler_publishes_on_the_publisher_it_interrupts(pair, each_engine):
-    """In C that is safe, the reference says that it is not, and the sample that was interrupted is whole."""
+def test_signal_handler_may_publish_during_a_publish(pair, each_engine):
+    """Publish in C, and raise Reentered in the reference. The interrupted sample remains complete."""
     publisher, subscriber = pair
-    told, sent = [], []
+    rejected, sent = [], []
 
     def handle(*_):
-        number = -1.0 - len(sent) - len(told)
+        number = -1.0 - len(sent) - len(rejected)
         try:
             publisher.publish(pose(number))
             sent.append(number)
         except runtime.Reentered:
-            told.append(number)
+            rejected.append(number)
 
     former = signal.signal(signal.SIGALRM, handle)
     signal.setitimer(signal.ITIMER_REAL, 0.0005, 0.0005)
@@ -267,12 +267,12 @@ def test_a_signal_handler_publishes_on_the_publisher_it_interrupts(pair, each_en
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, former)
     assert sent
-    assert each_engine == "Python" or not told
+    assert each_engine == "Python" or not rejected
     check_all(subscriber, [*map(float, range(count)), *sent])
 
 
-def test_a_property_of_a_message_publishes(pair):
-    """Before the region is touched."""
+def test_property_of_a_message_may_publish(pair):
+    """Evaluate the property before the publisher writes into the region."""
     publisher, subscriber = pair
 
     class Position:
@@ -291,18 +291,18 @@ def test_a_property_of_a_message_publishes(pair):
 
 @pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("call", [lambda publisher: publisher.publish(pose(2.0)), PosePublisher.close])
-def test_the_reference_in_the_middle_of_a_copy(topic, call):
-    """Is told what it cannot do, or closed; the lock is free in either case."""
+def test_reference_refuses_to_publish_or_closes_during_a_copy(topic, call):
+    """Raise Reentered, or close the publisher. The lock is free in either case."""
     publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
-    region, told = publisher._end.region, []
+    region, errors = publisher._end.region, []
 
     class Map:
-        def __setitem__(self, where, data):
+        def __setitem__(self, key, data):
             try:
                 call(publisher)
             except runtime.Reentered as error:
-                told.append(str(error))
-            map[where] = data
+                errors.append(str(error))
+            map[key] = data
 
         def close(self):
             map.close()
@@ -315,14 +315,14 @@ def test_the_reference_in_the_middle_of_a_copy(topic, call):
     else:
         publisher.publish(pose(1.0))
         assert subscriber.read().position.x == 1.0
-        assert told[0].startswith(f"{topic}: this publisher is called while a call of it runs")
+        assert errors[0].startswith(f"{topic}: this publisher is called while a call of it runs")
     assert region_of(topic).semaphore.value == 1
     publisher.close()
     subscriber.close()
 
 
 @pytest.mark.usefixtures("each_engine")
-def test_init_called_twice_is_refused_and_the_first_goes_on(topic):
+def test_second_init_call_keeps_the_endpoint_usable(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1.0))
         for _ in range(3):
@@ -335,27 +335,27 @@ def test_init_called_twice_is_refused_and_the_first_goes_on(topic):
 
 
 @pytest.mark.usefixtures("each_engine")
-@pytest.mark.parametrize("held", [False, True])
-def test_who_waits_is_told_when_another_thread_closes(topic, held):
-    """A reader for a sample, a writer for the lock; the lock is as it was."""
+@pytest.mark.parametrize("busy", [False, True])
+def test_close_by_another_thread_ends_a_waiting_call(topic, busy):
+    """Close a reader that waits for a sample, or a writer that waits for the lock. The lock remains unchanged."""
     publisher, subscriber = PosePublisher(topic, lock_timeout=0.2), PoseSubscriber(topic)
     region = region_of(topic)
-    if held:
+    if busy:
         assert region.semaphore.acquire()
-    side, call = (publisher, lambda: publisher.publish(pose(1))) if held else (subscriber, lambda: subscriber.wait(60))
+    side, call = (publisher, lambda: publisher.publish(pose(1))) if busy else (subscriber, lambda: subscriber.wait(60))
     with ThreadPoolExecutor(1) as thread:
         waits = thread.submit(call)
         time.sleep(0.05)
         start = time.monotonic()
         side.close()
         assert time.monotonic() - start < 20
-        if held:
+        if busy:
             with nullcontext() if machine.keeps_order() else pytest.raises(runtime.LockTimeout):
-                waits.result()  # on x86 it goes on without the lock; close() has waited for it
+                waits.result()  # on x86 it continues without the lock, and close() waits for it
         else:
             with pytest.raises(runtime.Closed):
                 waits.result()
-    if held:
+    if busy:
         region.semaphore.post()
     publisher.close()
     subscriber.close()
@@ -364,13 +364,13 @@ def test_who_waits_is_told_when_another_thread_closes(topic, held):
 
 
 @pytest.mark.usefixtures("each_engine")
-def test_an_interrupted_opening_keeps_no_claim(topic, monkeypatch):
+def test_interrupted_opening_keeps_no_claim(topic, monkeypatch):
     def interrupt(seconds: float) -> None:
         raise KeyboardInterrupt
 
     with PosePublisher(topic):
         memory = Memory(topic)
-    memory["writer"] = 0xFFFFFFFF  # the opening waits for 1 s whether this PLC is alive
+    memory["writer"] = 0xFFFFFFFF  # the opening watches the heartbeat of this PLC for 1 s
     gc.disable()
     try:
         with monkeypatch.context() as patch:

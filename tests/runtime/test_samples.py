@@ -13,7 +13,7 @@ from shmgen.runtime.reference.memory_order import keeps_order
 from shmgen.runtime.region import header as h
 from tests.support.region_of import region_of
 
-from .messages import POSE, Pose, PosePublisher, PoseSubscriber, ScanPublisher, ScanSubscriber, pose, whole
+from .messages import POSE, Pose, PosePublisher, PoseSubscriber, ScanPublisher, ScanSubscriber, is_whole, pose
 from .test_exchange import renumber, scan
 
 needs_no_lock = pytest.mark.skipif(not keeps_order(), reason="for x86: here who watches takes the lock")
@@ -51,7 +51,7 @@ def test_number_stamp_and_message_in_order(topic, way):
         assert subscriber.unread == 3
         samples = subscriber.samples()
         assert seen(samples) == [(1, 1.0), (2, 2.0), (3, 3.0)]
-        assert all(isinstance(one.message, Pose) and whole(one.message) for one in samples)
+        assert all(isinstance(one.message, Pose) and is_whole(one.message) for one in samples)
         stamps = [one.stamp for one in samples]
         assert before <= stamps[0] <= stamps[1] <= stamps[2] <= time.time_ns()
         assert [one.number for one in samples] == [1, 2, 3]
