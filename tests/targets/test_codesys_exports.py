@@ -1,4 +1,4 @@
-"""The XML for import beside what exports of CODESYS hold: tests/targets/codesys_exports.toml."""
+"""Compare the XML for import with the elements of CODESYS exports (tests/targets/codesys_exports.toml)."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ def xml(tmp_path_factory: pytest.TempPathFactory) -> str:
     return generate(tmp_path_factory.mktemp("exports"))["plcopen/shmgen.xml"]
 
 
-def named(element: Any) -> str:
+def label(element: Any) -> str:
     name = etree.QName(element).localname
     return f"data {element.get('name').rpartition('/')[2]}" if name == "data" else name
 
 
-def faults(xml: str) -> Iterator[str]:
-    """What no export holds so."""
+def export_faults(xml: str) -> Iterator[str]:
+    """Yield the differences from all recorded exports."""
     root = etree.fromstring(xml.encode())
     if root.nsmap != {None: FACTS["namespace"]}:
         yield f"namespace {root.nsmap}"
     for element in root.iter(etree.Element):
-        name = named(element)
+        name = label(element)
         if name in ELEMENTS:
-            yield from (f"{name}: {fault}" for fault in faults_of(element, ELEMENTS[name]))
+            yield from (f"{name}: {fault}" for fault in element_faults(element, ELEMENTS[name]))
         elif name not in TYPES or element.attrib or len(element):
             yield f"no element {name}"
 
 
-def faults_of(element: Any, facts: dict[str, Any]) -> Iterator[str]:
-    attributes = set(element.attrib) - ({"name", "handleUnknown"} if named(element).startswith("data ") else set())
+def element_faults(element: Any, facts: dict[str, Any]) -> Iterator[str]:
+    attributes = set(element.attrib) - ({"name", "handleUnknown"} if label(element).startswith("data ") else set())
     if unknown := attributes - set(facts.get("attributes", ())):
         yield f"no attribute {unknown}"
     if missing := set(facts.get("always", ())) - attributes:
@@ -53,17 +53,17 @@ def faults_of(element: Any, facts: dict[str, Any]) -> Iterator[str]:
     if element.get("constant") not in (None, *FACTS["values"]["constant"]):
         yield "constant is true or left out"
     order = facts.get("children", [])
-    found = ["types" if "types" in order and named(child) in TYPES else named(child) for child in element]
-    if unknown := {name for name in found if name not in order}:
+    names = ["types" if "types" in order and label(child) in TYPES else label(child) for child in element]
+    if unknown := {name for name in names if name not in order}:
         yield f"holds no {unknown}"
-    elif [order.index(name) for name in found] != sorted(order.index(name) for name in found):
-        yield f"the order is {order}, not {list(dict.fromkeys(found))}"
-    if facts.get("never_empty") and not found:
+    elif [order.index(name) for name in names] != sorted(order.index(name) for name in names):
+        yield f"the order is {order}, not {list(dict.fromkeys(names))}"
+    if facts.get("never_empty") and not names:
         yield "is never empty"
 
 
-def test_it_holds_what_exports_hold(xml: str) -> None:
-    assert list(dict.fromkeys(faults(xml))) == []
+def test_xml_uses_only_elements_of_codesys_exports(xml: str) -> None:
+    assert list(dict.fromkeys(export_faults(xml))) == []
     root = etree.fromstring(xml.encode())
     for library in root.iter(f"{{{FACTS['namespace']}}}Library"):
         name, values = library.get("Name"), FACTS["values"]
@@ -71,14 +71,14 @@ def test_it_holds_what_exports_hold(xml: str) -> None:
         assert re.fullmatch(values[kind], name)
         assert re.fullmatch(values["reference"], library.get("DefaultResolution", name))
         assert values["libraries"].get(library.get("Namespace"), name) == name
-    placed = [it.get("ObjectId") for it in root.iter(f"{{{FACTS['namespace']}}}Object")]
-    kept = [it.text for it in root.iter(f"{{{FACTS['namespace']}}}ObjectId")]
-    kept += [it.get("ObjectId") for it in root.iter(f"{{{FACTS['namespace']}}}Method")]
-    assert len(set(placed)) == len(placed)
-    assert sorted(placed) == sorted(kept), "each object has an id of its own, by which it is in a folder"
+    folder_ids = [node.get("ObjectId") for node in root.iter(f"{{{FACTS['namespace']}}}Object")]
+    object_ids = [node.text for node in root.iter(f"{{{FACTS['namespace']}}}ObjectId")]
+    object_ids += [node.get("ObjectId") for node in root.iter(f"{{{FACTS['namespace']}}}Method")]
+    assert len(set(folder_ids)) == len(folder_ids)
+    assert sorted(folder_ids) == sorted(object_ids), "each object has an id of its own, by which it is in a folder"
 
 
-BEFORE = [
+FORMER_FAULTS = [
     ("tc6_0200", "tc6_0201", "namespace"),
     ("<configurations />", '<configurations><configuration name="D" /></configurations>', "configurations: holds no"),
     ("<inputVars>", '<inputVars constant="false">', "constant is true or left out"),
@@ -87,14 +87,14 @@ BEFORE = [
 ]
 
 
-@pytest.mark.parametrize(("ours", "other", "fault"), BEFORE)
-def test_the_check_can_fail(xml: str, ours: str, other: str, fault: str) -> None:
-    """With what our file held before the records were read, and the like."""
+@pytest.mark.parametrize(("ours", "other", "fault"), FORMER_FAULTS)
+def test_check_detects_former_faults(xml: str, ours: str, other: str, fault: str) -> None:
+    """Restore mistakes that the XML contained before the exports were recorded, and similar mistakes."""
     assert ours in xml
-    assert any(fault in found for found in faults(xml.replace(ours, other)))
+    assert any(fault in reported for reported in export_faults(xml.replace(ours, other)))
 
 
-def test_each_fact_has_a_source() -> None:
+def test_each_recorded_fact_names_its_source() -> None:
     for name, facts in ELEMENTS.items():
         assert set(facts["seen"]) <= set(FACTS["sources"]), name
         assert facts["seen"] or facts["schema_only"], name

@@ -1,4 +1,4 @@
-"""Counts above their bounds, as the check in a C header sees them."""
+"""Test the generated check in C for counts above their bounds."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ int valid(const shm_counts_msgs_Tree *tree)
 
 
 @pytest.fixture(scope="module", params=["gcc -xc -std=c11", "g++ -xc++ -std=c++17"])
-def checked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
-    """The messages in Python, and the check in C."""
+def message_and_check(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
+    """The Python module of the messages, and the check compiled from C."""
     folder: Path = tmp_path_factory.mktemp("counts")
     for name, text in {**DEFINITIONS, "msg/Plain": "uint32 a\n"}.items():
         put({f"counts_msgs/{name}.{name.partition('/')[0]}": text}, folder)
@@ -47,8 +47,8 @@ def checked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return module(folder, PACKAGE, TypeName("counts_msgs", "msg", "Tree")), ctypes.CDLL(str(library)).valid
 
 
-def test_bounds_are_reached_and_nothing_behind_them_is_looked_at(checked: tuple[Any, Any]) -> None:
-    msg, valid = checked
+def test_check_accepts_counts_up_to_the_bounds(message_and_check: tuple[Any, Any]) -> None:
+    msg, valid = message_and_check
     message = tree(msg, 1)
     assert valid(ctypes.byref(message)) == 1
     spoil(message, "crown[1].leaves[0].weights", MOST)
@@ -59,8 +59,8 @@ def test_bounds_are_reached_and_nothing_behind_them_is_looked_at(checked: tuple[
 
 
 @pytest.mark.parametrize(("path", "count"), PLACES)
-def test_a_count_too_high_is_seen(checked: tuple[Any, Any], path: str, count: int) -> None:
-    msg, valid = checked
+def test_check_rejects_a_count_above_its_bound(message_and_check: tuple[Any, Any], path: str, count: int) -> None:
+    msg, valid = message_and_check
     message = tree(msg, 1)
     spoil(message, path, count)
     assert valid(ctypes.byref(message)) == 0

@@ -1,4 +1,4 @@
-"""Nothing in a definition leaves its place: what comes out is code equal to that of a harmless one, in every target."""
+"""Check that hostile definitions result in the code of harmless definitions, in all targets."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-words = st.sampled_from(PIECES)
+pieces = st.sampled_from(PIECES)
 letters = st.characters(exclude_categories=["Cc", "Cs"])
-hostile = st.lists(words | words | st.text(letters, max_size=4), min_size=1, max_size=6).flatmap(
+hostile_texts = st.lists(pieces | pieces | st.text(letters, max_size=4), min_size=1, max_size=6).flatmap(
     lambda parts: st.sampled_from(["".join(parts), " ".join(parts)])
 )
-units = st.lists(words, min_size=1, max_size=2).map(lambda parts: "m" + "".join(parts))
-folders = hostile.map(lambda text: text.replace("/", "|")[:60])
+units = st.lists(pieces, min_size=1, max_size=2).map(lambda parts: "m" + "".join(parts))
+folders = hostile_texts.map(lambda text: text.replace("/", "|")[:60])
 
-# Shrinking would run a compiler some thousand times.
-careless = settings(suppress_health_check=list(HealthCheck), phases=[Phase.explicit, Phase.reuse, Phase.generate])
+# Shrinking would run a compiler thousands of times.
+fast_settings = settings(suppress_health_check=list(HealthCheck), phases=[Phase.explicit, Phase.reuse, Phase.generate])
 TARGETS = ("python", "st", "plcopen", "c")
 
 
@@ -55,7 +55,7 @@ def definition(comment: str = "c", other: str = "o", unit: str = "u", text: str 
     )
 
 
-def generated(text: str, within: str = "plain") -> dict[str, str]:
+def generate(text: str, within: str = "plain") -> dict[str, str]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name, within)
         (folder / "demo_msgs" / "msg").mkdir(parents=True)
@@ -65,53 +65,53 @@ def generated(text: str, within: str = "plain") -> dict[str, str]:
 
 
 @functools.cache
-def harmless() -> dict[str, Any]:
-    return code(generated(definition()))
+def harmless_code() -> dict[str, Any]:
+    return code_by_path(generate(definition()))
 
 
-@given(hostile, hostile, units, folders)
+@given(hostile_texts, hostile_texts, units, folders)
 @example("c", "o", 'm"""+exit(1)+"""', "f")
 @example("c\\", "*\\", "m*/", '"""*)')
 @example("*??/", "??/", "m*??/", "??/")
-@settings(careless, max_examples=60)
+@settings(fast_settings, max_examples=60)
 @pytest.mark.slow
-def test_comments_units_and_folders(comment: str, other: str, unit: str, within: str) -> None:
-    found = code(generated(definition(comment, other, unit), within))
-    assert found.keys() == harmless().keys()
-    for path, meant in harmless().items():
-        assert found[path] == meant, path
+def test_comments_units_and_folders_do_not_change_code(comment: str, other: str, unit: str, within: str) -> None:
+    codes = code_by_path(generate(definition(comment, other, unit), within))
+    assert codes.keys() == harmless_code().keys()
+    for path, expected in harmless_code().items():
+        assert codes[path] == expected, path
 
 
 @pytest.mark.slow
-@given(st.lists(words | st.text(letters, max_size=4) | st.sampled_from("\n\r\t"), max_size=6).map("".join))
-@settings(careless, max_examples=40)
-def test_strings(text: str) -> None:
-    """Constants and defaults: equal in Python, one literal in C, and in Structured Text what an IDE reads back."""
-    texts = generated(definition(text=text))
-    code(texts)
-    kind = python_class(texts)
-    assert (text, text) == (kind.NAME, kind.WIDE)
-    message = kind()
+@given(st.lists(pieces | st.text(letters, max_size=4) | st.sampled_from("\n\r\t"), max_size=6).map("".join))
+@settings(fast_settings, max_examples=40)
+def test_strings_keep_their_values(text: str) -> None:
+    """Keep constants and defaults: an equal value in Python, one literal in C, and the standard literal in ST."""
+    texts = generate(definition(text=text))
+    code_by_path(texts)
+    message_class = python_class(texts)
+    assert (text, text) == (message_class.NAME, message_class.WIDE)
+    message = message_class()
     assert (message.text, list(message.texts)) == (text, [text])
     st_texts = [token for path in texts if path.startswith("st/demo_msgs/") for token in st_tokens(texts[path])]
-    assert iec(text.encode(), "'", 2) in st_texts
-    assert iec_wide(text) in st_texts
+    assert st_literal(text.encode(), "'", 2) in st_texts
+    assert st_wide_literal(text) in st_texts
 
 
-def iec(data: bytes, quote: str, digits: int) -> str:
-    """Each byte by its number but for those that need none (IEC 61131-3, tables 5 and 6)."""
+def st_literal(data: bytes, quote: str, digits: int) -> str:
+    """Return a literal with hexadecimal escapes of all unprintable bytes (IEC 61131-3, tables 5 and 6)."""
     plain = [chr(byte) if 0x20 <= byte < 0x7F and chr(byte) not in f"${quote}" else None for byte in data]
-    written = [f"${byte:0{digits}X}" if byte < 0x20 or byte > 0x7E else f"${chr(byte)}" for byte in data]
-    return quote + "".join(one or other for one, other in zip(plain, written, strict=True)) + quote
+    escaped = [f"${byte:0{digits}X}" if byte < 0x20 or byte > 0x7E else f"${chr(byte)}" for byte in data]
+    return quote + "".join(char or escape for char, escape in zip(plain, escaped, strict=True)) + quote
 
 
-def iec_wide(text: str) -> str:
+def st_wide_literal(text: str) -> str:
     data = text.encode("utf-16-be")
     units = [int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data), 2)]
     return (
         '"'
         + "".join(
-            f"${chr(one)}" if chr(one) in '$"' else chr(one) if 0x20 <= one < 0x7F else f"${one:04X}" for one in units
+            f"${chr(u16)}" if chr(u16) in '$"' else chr(u16) if 0x20 <= u16 < 0x7F else f"${u16:04X}" for u16 in units
         )
         + '"'
     )
@@ -121,7 +121,7 @@ def python_class(texts: Mapping[str, str]) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         put({path: text for path, text in texts.items() if path.startswith("python/")}, Path(folder))
         sys.path.insert(0, f"{folder}/python")
-        forget("shm_msgs")  # what another test has left
+        forget("shm_msgs")  # a package of a former test
         try:
             return importlib.import_module("shm_msgs.demo_msgs.msg").Foo
         finally:
@@ -130,18 +130,18 @@ def python_class(texts: Mapping[str, str]) -> Any:
 
 
 @pytest.mark.parametrize("name", ["../../etc", "/etc", "a/../../b", "x y", "ｐkg", ""])  # noqa: RUF001
-def test_a_package_cannot_name_a_place(name: str, tmp_path: Path) -> None:
-    """Such a name is none, so the folder's own counts."""
+def test_package_name_cannot_be_a_path(name: str, tmp_path: Path) -> None:
+    """Ignore an invalid name in package.xml, and use the name of the folder instead."""
     files = {"good_msgs/package.xml": f"<package><name>{name}</name></package>", "good_msgs/msg/Foo.msg": "int8 a\n"}
     put(files, tmp_path)
     texts = pipeline.generate(Config(tmp_path, path=(tmp_path,)), ["good_msgs/Foo"])
-    assert_inside(texts)
+    assert_paths_are_plain(texts)
     with pytest.raises(Rejected, match="SHM004"):
         pipeline.generate(Config(tmp_path, path=(tmp_path,)), [f"{name}/Foo"])
 
 
 @pytest.mark.parametrize("name", ["__import__", "-rf", "x-y", "_"])
-def test_a_package_of_a_name_that_cannot_be_is_none(name: str, tmp_path: Path) -> None:
+def test_package_with_an_invalid_name_is_not_found(name: str, tmp_path: Path) -> None:
     put({"x/package.xml": f"<package><name>{name}</name></package>", "x/msg/Foo.msg": "int8 a\n"}, tmp_path)
     for request in (f"{name}/Foo", "x/Foo"):
         with pytest.raises(Rejected, match="SHM004"):
@@ -150,7 +150,7 @@ def test_a_package_of_a_name_that_cannot_be_is_none(name: str, tmp_path: Path) -
 
 @pytest.mark.parametrize("source", ["jazzy", "noetic"])
 @pytest.mark.parametrize("name", ["__import__", "Ｆoo", "Fоо", "Foo;", "Foo Bar", "$(id)", "-rf", "..", "Foo\n"])  # noqa: RUF001
-def test_a_message_cannot_be_named_so(name: str, source: str, tmp_path: Path) -> None:
+def test_invalid_message_name_is_rejected(name: str, source: str, tmp_path: Path) -> None:
     put({f"demo_msgs/msg/{name}.msg": "int8 a\n"}, tmp_path)
     with pytest.raises(Rejected, match=r"SHM202|SHM004"):
         pipeline.generate(Config(tmp_path, source=source, path=(tmp_path,)), [f"{tmp_path}/demo_msgs/msg/{name}.msg"])
@@ -160,55 +160,55 @@ WORDS = "class None import end_type int str float list bytes len runtime values 
 
 
 @pytest.mark.parametrize("name", WORDS.split())
-def test_ros1_takes_names_that_mean_something_elsewhere(name: str, tmp_path: Path) -> None:
+def test_ros1_messages_may_have_reserved_names(name: str, tmp_path: Path) -> None:
     put({f"demo_msgs/msg/{name}.msg": "int8 a\n", "demo_msgs/msg/Foo.msg": f"demo_msgs/{name} b\n"}, tmp_path)
     texts = pipeline.generate(
         Config(tmp_path, source="noetic", path=(tmp_path,)), ["demo_msgs/Foo", f"demo_msgs/{name}"]
     )
-    assert_inside(texts)
+    assert_paths_are_plain(texts)
     assert python_class(texts)().b.a == 0
     preprocessed(texts)
 
 
 @pytest.mark.parametrize("name", [name for name in WORDS.split() if name.islower()])
-def test_fields_take_such_names_too(name: str) -> None:
+def test_fields_may_have_reserved_names(name: str) -> None:
     fields = "string {0}\nstring other\nint8[2] numbers\nstring[2] texts\nduration d\nfloat32 last 1.5\n"
-    texts = generated(fields.format(name))
+    texts = generate(fields.format(name))
     message = python_class(texts)(other="o", texts=["a", "b"])
     assert (message.other, list(message.numbers), list(message.texts), message.last) == ("o", [0, 0], ["a", "b"], 1.5)
     preprocessed(texts)
 
 
-def assert_inside(texts: Mapping[str, str]) -> None:
+def assert_paths_are_plain(texts: Mapping[str, str]) -> None:
     for path in texts:
         assert re.fullmatch(r"(?:[A-Za-z0-9_]+/)*[A-Za-z0-9_]+(?:\.[a-z]+)+", path), path
 
 
-# --- what is code, and what is not ----------------------------------------------------------------------
+# --- code without comments ----------------------------------------------------------------------
 
 
-def code(texts: Mapping[str, str]) -> dict[str, Any]:
-    """By path, without comments; each file must be whole."""
+def code_by_path(texts: Mapping[str, str]) -> dict[str, Any]:
+    """Return the code of each file, by path, without comments. Raise an error if a file is not valid."""
     headers = preprocessed(texts)
-    found: dict[str, Any] = {}
+    codes: dict[str, Any] = {}
     for path, text in texts.items():
         if path.endswith(".py"):
-            found[path] = ast.dump(without_docstrings(ast.parse(text)))
+            codes[path] = ast.dump(without_docstrings(ast.parse(text)))
             assert not re.search("[^\x20-\x7e\n]", re.sub(r'""".*?"""', "", text, flags=re.DOTALL)), path
         elif path.endswith(".st"):
             assert re.fullmatch(r"[\x20-\x7e\n]*", text), path
-            found[path] = st_tokens(text)
+            codes[path] = st_tokens(text)
         elif path.endswith(".xml"):
-            found[path] = xml_tokens(text)
+            codes[path] = xml_tokens(text)
         elif path.endswith(".h"):
-            found[path] = headers[path]
+            codes[path] = headers[path]
         elif path.endswith((".c", ".map")):
-            found[path] = text
+            codes[path] = text
         elif path.endswith(".lock"):
-            held = tomllib.loads(text)["messages"]["demo_msgs/msg/Foo"]
-            found[path] = {**held, "text": "", "origin": "", "units": ""}  # which are of comments, in strings of TOML
-    assert found.keys() == texts.keys() - {path for path in texts if path.endswith(("py.typed", ".json"))}
-    return found
+            lock = tomllib.loads(text)["messages"]["demo_msgs/msg/Foo"]
+            codes[path] = {**lock, "text": "", "origin": "", "units": ""}  # strings that contain comments
+    assert codes.keys() == texts.keys() - {path for path in texts if path.endswith(("py.typed", ".json"))}
+    return codes
 
 
 def without_docstrings(tree: ast.AST) -> ast.AST:
@@ -219,13 +219,13 @@ def without_docstrings(tree: ast.AST) -> ast.AST:
 
 
 def preprocessed(texts: Mapping[str, str]) -> dict[str, str]:
-    """As the compiler sees it, trigraphs, comments and lines that go on included; its warnings are errors."""
+    """Return the output of the C preprocessor, including trigraphs and continued lines; warnings are errors."""
     with tempfile.TemporaryDirectory() as folder:
         put({path: text for path, text in texts.items() if path.endswith(".h")}, Path(folder))
         (header,) = Path(folder).rglob("foo.h")
         command = ["gcc", "-xc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{folder}/c"]
         for options in (["-fsyntax-only"], ["-E", "-P", "-dD"]):
-            done = subprocess.run([*command, *options, str(header)], capture_output=True, text=True, check=False)
-            assert done.returncode == 0, done.stderr[:2000]
+            result = subprocess.run([*command, *options, str(header)], capture_output=True, text=True, check=False)
+            assert result.returncode == 0, result.stderr[:2000]
         name = str(header.relative_to(folder))
-        return {path: done.stdout if path == name else "" for path in texts if path.endswith(".h")}
+        return {path: result.stdout if path == name else "" for path in texts if path.endswith(".h")}

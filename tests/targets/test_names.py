@@ -1,4 +1,4 @@
-"""Awkward names through real compilers and interpreters, and reserved_words.md, which lists them."""
+"""Test awkward names with real compilers and interpreters, and check the list in reserved_words.md."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ATTRIBUTES = (
     "cuts decode encode encode_counted names names_ objects fields fields_ pack_ digest_ regions_ set_defaults topic"
 )
 MACROS = "linux unix i386 errno stdin stdout stderr complex NAN INFINITY I EOF NULL BUFSIZ st_mtime sa_handler si_value"
-SIDES = {
+WORDS = {
     "python": " ".join(["match", "case", BUILTINS, GENERATED, ATTRIBUTES, *keyword.kwlist]),
     "c": " ".join([MACROS, *sorted(c_names.C_RESERVED)]),
     "st": " ".join(sorted(word.lower() for word in st_names.ST_RESERVED if "_to_" not in word.lower())),
@@ -40,46 +40,46 @@ HEADERS = """assert complex ctype errno fenv float inttypes iso646 limits locale
     unistd fcntl pthread semaphore sched poll dirent"""
 
 
-def words(text: str) -> list[str]:
-    """Each once."""
+def unique_words(text: str) -> list[str]:
+    """Return the words of `text` without duplicates."""
     return list(dict.fromkeys(text.split()))
 
 
-def made(folder: Path, package: str, definitions: dict[str, str], targets: tuple[str, ...]) -> Layouts:
-    """In ROS 1's dialect, which takes any letters for a name."""
-    put({f"msgs/{name}.msg": text for name, text in definitions.items()}, folder)
+def generate(folder: Path, package: str, texts: dict[str, str], targets: tuple[str, ...]) -> Layouts:
+    """Write generated files to `folder`, and return the layouts. ROS 1's dialect accepts any letters in names."""
+    put({f"msgs/{name}.msg": text for name, text in texts.items()}, folder)
     config = Config(
         folder, source="noetic", path=(folder / "msgs",), package=package, targets=targets, max_region=MAX_REGION
     )
-    names = sorted({name.partition("/")[0] for name in definitions})
+    names = sorted({name.partition("/")[0] for name in texts})
     put(pipeline.generate(config, names), folder)
     return pipeline.lay_out(config, names)
 
 
-def definitions(text: str, kinds: Iterable[str] = KINDS) -> dict[str, str]:
-    """A message of each kind with all the words for fields, and one with constants."""
-    held = {
-        f"odd_msgs/msg/{kind.title()}": "".join(line.format(word) + "\n" for word in words(text))
+def messages_with(text: str, kinds: Iterable[str] = KINDS) -> dict[str, str]:
+    """Return a message of each kind with all words as fields, and a message with all words as constants."""
+    messages = {
+        f"odd_msgs/msg/{kind.title()}": "".join(line.format(word) + "\n" for word in unique_words(text))
         for kind, line in KINDS.items()
         if kind in kinds
     }
-    constants = "".join(f"uint8 {word}={number % 256}\n" for number, word in enumerate(words(text)))
-    return {**held, "odd_msgs/msg/Constants": constants + "string text\n"}
+    constants = "".join(f"uint8 {word}={number % 256}\n" for number, word in enumerate(unique_words(text)))
+    return {**messages, "odd_msgs/msg/Constants": constants + "string text\n"}
 
 
-def foreign(message: object) -> object:
-    """With the attributes that genpy gives: a keyword has an underscore behind."""
+def as_genpy_message(message: object) -> object:
+    """Rename attributes as genpy does, which appends an underscore to keywords."""
     for name in list(vars(message)):
         if python_names.python_member(name) != name:
             setattr(message, python_names.python_member(name), vars(message).pop(name))
     return message
 
 
-def test_any_field_and_constant_in_python(tmp_path: Path) -> None:
-    layouts = made(tmp_path, "shm_odd_python", definitions(SIDES["python"]), ("python",))
+def test_reserved_words_work_as_names_in_python(tmp_path: Path) -> None:
+    layouts = generate(tmp_path, "shm_odd_python", messages_with(WORDS["python"]), ("python",))
     for name, layout in layouts.items():
         kind, _, _ = plc_bytes.classes(tmp_path, "shm_odd_python", name)
-        message = foreign(random_message(layout, layouts, random.Random(1)))
+        message = as_genpy_message(random_message(layout, layouts, random.Random(1)))
         own = kind._from_object(message)
         data = bytes(own)
         assert plain(own) == plain(message), name
@@ -91,35 +91,35 @@ def test_any_field_and_constant_in_python(tmp_path: Path) -> None:
             assert getattr(kind, python_names.python_member(constant.name)) == constant.value
 
 
-def test_the_words_are_those_of_the_classes() -> None:
-    """What a stored member must not be called, and what a module refers to."""
+def test_reserved_words_include_keywords_and_no_public_ctypes_name() -> None:
+    """Compare the reserved words with Python's keywords and with the public attributes of ctypes structures."""
     assert set(keyword.kwlist) <= python_names.PYTHON_RESERVED
     assert not [name for name in dir(ctypes.Structure) if not name.startswith("_")]
 
 
 @pytest.mark.parametrize("compiler", ["gcc -std=gnu11", "gcc -std=c11", "g++ -std=gnu++17", "gcc -std=gnu2x"])
-def test_any_field_and_constant_in_c(compiler: str, tmp_path: Path) -> None:
-    """Behind the headers of C and POSIX, so that their macros are there; the headers assert every offset."""
-    made(tmp_path, "shm_odd_c", definitions(SIDES["c"]), ("c",))
+def test_reserved_words_work_as_names_in_c(compiler: str, tmp_path: Path) -> None:
+    """Put the headers of C and POSIX first to define their macros; generated headers assert all offsets."""
+    generate(tmp_path, "shm_odd_c", messages_with(WORDS["c"]), ("c",))
     plus = compiler.startswith("g++")
     lines = [f"#include <{name}.h>\n" for name in HEADERS.split() if not (plus and name == "complex")]
     lines += [f'#include "shm_odd_c/odd_msgs/msg/{kind}.h"\n' for kind in (*KINDS, "constants")]
     command = [*compiler.split(), "-Wall", "-Werror", f"-I{tmp_path}/c", "-fsyntax-only", f"-xc{'++' * plus}", "-"]
-    done = subprocess.run(command, input="".join(lines), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[:3000]
+    result = subprocess.run(command, input="".join(lines), capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr[:3000]
 
 
-def test_every_macro_of_a_small_name_is_known() -> None:
-    """Fields of ROS 2 have small letters."""
+def test_lower_case_macros_are_reserved() -> None:
+    """Compare macros in lower case only, because fields of ROS 2 are in lower case."""
     lines = "".join(f"#include <{name}.h>\n" for name in HEADERS.split())
-    found = subprocess.run(["gcc", "-dM", "-E", "-"], input=lines, capture_output=True, text=True, check=True).stdout
-    names = {line.split()[1] for line in found.splitlines()}
+    output = subprocess.run(["gcc", "-dM", "-E", "-"], input=lines, capture_output=True, text=True, check=True).stdout
+    names = {line.split()[1] for line in output.splitlines()}
     assert {name for name in names if name.isidentifier() and name[0].islower()} <= c_names.C_RESERVED
 
 
 @pytest.mark.slow
-def test_any_field_and_constant_in_structured_text(tmp_path: Path) -> None:
-    layouts = made(tmp_path, "shm_odd_st", definitions(SIDES["st"], ["numbers"]), ("st",))
+def test_reserved_words_work_as_names_in_structured_text(tmp_path: Path) -> None:
+    layouts = generate(tmp_path, "shm_odd_st", messages_with(WORDS["st"], ["numbers"]), ("st",))
     texts = {str(path): path.read_text() for path in (tmp_path / "st").rglob("*.st")}
     plc = plc_bytes.compile_st(texts)
     for name, layout in layouts.items():
@@ -135,10 +135,10 @@ TYPES = (
 
 
 @pytest.mark.slow
-def test_any_type_and_package(tmp_path: Path) -> None:
-    held = {f"lambda/msg/{name}": "uint8 x\nuint8[3] data\n" for name in TYPES.split()}
+def test_reserved_words_work_as_types_and_packages(tmp_path: Path) -> None:
+    messages = {f"lambda/msg/{name}": "uint8 x\nuint8[3] data\n" for name in TYPES.split()}
     inside = "".join(f"lambda/{name} {name}_1\nlambda/{name}[2] {name}_2\n" for name in TYPES.split())
-    layouts = made(tmp_path, "shm_types", {**held, "async/msg/All": inside}, ("python", "c", "st"))
+    layouts = generate(tmp_path, "shm_types", {**messages, "async/msg/All": inside}, ("python", "c", "st"))
     name = TypeName("async", "msg", "All")
     kind = plc_bytes.classes.__globals__["module"](tmp_path, "shm_types", name._replace(package="async_")).All
     message = random_message(layouts[name], layouts, random.Random(2))
@@ -154,8 +154,8 @@ def test_any_type_and_package(tmp_path: Path) -> None:
             "-fsyntax-only",
             "-",
         ]
-        done = subprocess.run(command, input=headers, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr[:3000]
+        result = subprocess.run(command, input=headers, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr[:3000]
     plc_bytes.compile_st({str(path): path.read_text() for path in (tmp_path / "st").rglob("*.st")})
 
 
@@ -170,20 +170,20 @@ CLASHES = {
     "two packages": ({"a/msg/b_C": "uint8 x\n", "a_b/msg/C": "uint8 x\n"}, ["SHM203"] * 2),
     "classes": ({"odd_msgs/msg/A": "uint8 x\n", "odd_msgs/msg/APublisher": "uint8 x\n"}, ["SHM203"]),
     "a class with an underscore": ({"odd_msgs/msg/int": "uint8 x\n", "odd_msgs/msg/int_": "uint8 x\n"}, ["SHM203"] * 3),
-    "ours": ({"odd_msgs/msg/A": "uint8 SHM_SIZE=1\nuint8 x\n"}, ["SHM204"]),
+    "added by shmgen": ({"odd_msgs/msg/A": "uint8 SHM_SIZE=1\nuint8 x\n"}, ["SHM204"]),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("clash", CLASHES)
-def test_clashes_are_told(clash: str, tmp_path: Path) -> None:
+def test_name_clashes_are_rejected(clash: str, tmp_path: Path) -> None:
     messages, codes = CLASHES[clash]
     with pytest.raises(Rejected) as rejected:
-        made(tmp_path, "shm_clash", messages, ("python", "st", "plcopen", "c"))
-    assert [found.code for found in rejected.value.diagnostics] == codes
+        generate(tmp_path, "shm_clash", messages, ("python", "st", "plcopen", "c"))
+    assert [each.code for each in rejected.value.diagnostics] == codes
 
 
-def test_what_real_packages_name_alike_passes(tmp_path: Path) -> None:
-    """kortex_driver has a message `X` and one `X_type`, rosbridge_test_msgs a service and an action of one name."""
+def test_similar_names_of_real_packages_compile(tmp_path: Path) -> None:
+    """Compile messages `X` and `X_type`, as in kortex_driver, and a service and an action of one name."""
     put({
         "msgs/odd_msgs/msg/A.msg": "uint8 x\n", "msgs/odd_msgs/msg/A_type.msg": "uint8 x\n",
         "msgs/odd_msgs/msg/Go_interface.msg": "uint8 x\n",
@@ -195,40 +195,40 @@ def test_what_real_packages_name_alike_passes(tmp_path: Path) -> None:
         headers = [path.relative_to(tmp_path / folder) for path in (tmp_path / folder).rglob(pattern)]
         including = "".join(f'#include "{header}"\n' for header in headers)
         command = ["g++" if language == "c++" else "gcc", f"-x{language}", "-Wall", "-Werror", "-fsyntax-only", "-"]
-        command += [f"-I{tmp_path / one}" for one in ("c", "cpp")]
-        done = subprocess.run(command, input=including, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr[:3000]
+        command += [f"-I{tmp_path / each}" for each in ("c", "cpp")]
+        result = subprocess.run(command, input=including, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr[:3000]
 
 
 PAGE = Path(__file__).parent / "reserved_words.md"
 
 
-def test_the_table_is_that_of_the_corpus(corpus: Path, update_golden: bool) -> None:
+def test_reserved_words_page_matches_the_corpus(corpus: Path, update_golden: bool) -> None:
     text = PAGE.read_text()
     before, mark, rest = text.partition("| name | what |")
     _, blank, after = rest.partition("\n\n")
-    made = before + "\n".join(table(corpus)) + blank + after
+    expected = before + "\n".join(table_lines(corpus)) + blank + after
     if update_golden:
-        PAGE.write_text(made)
+        PAGE.write_text(expected)
     assert mark
-    assert text == made
+    assert text == expected
 
 
-def table(corpus: Path) -> list[str]:
-    """What of the names in real packages is another one in a target."""
+def table_lines(corpus: Path) -> list[str]:
+    """Return a Markdown table of the names in real packages that a target changes."""
     rows: dict[tuple[str, ...], set[str]] = {}
     for distribution in ("noetic", "jazzy"):
         config = Config(corpus, source=distribution, path=(corpus / distribution,))
         for message in pipeline.read(config, plc_bytes.corpus_names(config)).messages:
-            named = [("field", field.name) for field in message.fields]
-            named += [("constant", constant.name) for constant in message.constants]
-            for what, name in named:
+            typed_names = [("field", field.name) for field in message.fields]
+            typed_names += [("constant", constant.name) for constant in message.constants]
+            for what, name in typed_names:
                 c = c_names.c_member(name) if what == "field" else name
                 targets = st_names.st_member(name), python_names.python_member(name), c
                 if set(targets) != {name}:
                     rows.setdefault((name, what, *targets), set()).add(message.name.short)
     lines = ["| name | what | met in | Structured Text | Python | C |", "|---|---|---|---|---|---|"]
     for (name, what, *targets), messages in sorted(rows.items(), key=lambda row: (row[0][0].lower(), row[0])):
-        met = min(messages) + (f" and {len(messages) - 1} more" if len(messages) > 1 else "")
-        lines.append(f"| `{name}` | {what} | {met} | " + " | ".join(f"`{target}`" for target in targets) + " |")
+        example = min(messages) + (f" and {len(messages) - 1} more" if len(messages) > 1 else "")
+        lines.append(f"| `{name}` | {what} | {example} | " + " | ".join(f"`{target}`" for target in targets) + " |")
     return lines

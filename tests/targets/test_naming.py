@@ -34,11 +34,11 @@ POSE = TypeName("geometry_msgs", "msg", "Pose")
         ("end___if", "end_if_"),
     ],
 )
-def test_structured_text_members(name: str, safe: str) -> None:
+def test_structured_text_member_names(name: str, safe: str) -> None:
     assert st_names.st_member(name) == safe
 
 
-def test_every_word_the_design_names_is_escaped() -> None:
+def test_structured_text_escapes_reserved_words() -> None:
     words = """type time action task function step transition dt array at read_only program configuration resource
         interval priority string bool byte log true false add delete on var end_var and or not xor mod to of by
         real lreal lword ulint usint wstring ltime date tod limit max min sel mux sizeof adr pointer reference
@@ -48,7 +48,7 @@ def test_every_word_the_design_names_is_escaped() -> None:
         assert st_names.st_member(word) == word + "_"
 
 
-def test_python_words_are_those_of_the_running_python() -> None:
+def test_python_escapes_its_keywords() -> None:
     assert set(keyword.kwlist) <= python_names.PYTHON_RESERVED
     assert [python_names.python_member(name) for name in ("from", "match", "self", "type")] == [
         "from_",
@@ -58,7 +58,7 @@ def test_python_words_are_those_of_the_running_python() -> None:
     ]
 
 
-def test_c_words() -> None:
+def test_c_escapes_keywords_and_macros() -> None:
     assert [c_names.c_member(name) for name in ("default", "linux", "xor", "value")] == [
         "default_",
         "linux_",
@@ -67,7 +67,7 @@ def test_c_words() -> None:
     ]
 
 
-def test_names_of_a_message() -> None:
+def test_structured_text_names_of_a_message() -> None:
     assert st_names.st_type(POSE) == "ST_geometry_msgs_Pose"
     assert st_names.gvl(POSE) == "GVL_geometry_msgs_Pose"
     assert st_names.publisher_block(POSE) == "FB_geometry_msgs_Pose_Publisher"
@@ -93,13 +93,13 @@ def test_file_stems(name: str, stem: str) -> None:
     assert naming.file_stem(TypeName("any", "msg", name)) == stem
 
 
-def message(**fields: FieldType) -> Layout:
-    made = tuple(
+def message_layout(**fields: FieldType) -> Layout:
+    all_fields = tuple(
         Field(name, type_, ros_type(type_), Span("demo.msg", line))
         for line, (name, type_) in enumerate(fields.items(), 1)
     )
     name = TypeName("demo", "msg", "Demo")
-    schema = Schema((Message(name, made, (), Span("demo.msg"), "demo.msg", ""),), frozenset({name}))
+    schema = Schema((Message(name, all_fields, (), Span("demo.msg"), "demo.msg", ""),), frozenset({name}))
     return layouts_of(schema)[name]
 
 
@@ -109,31 +109,31 @@ def codes(layout: Layout, target: naming.Names) -> list[tuple[str, int]]:
     return [(diagnostic.code, diagnostic.span.line) for diagnostic in report.diagnostics]
 
 
-def test_names_equal_up_to_case_clash_where_case_is_ignored() -> None:
-    layout = message(Gain=Scalar.UINT8, gain=Scalar.UINT8)
+def test_names_equal_up_to_case_clash_if_case_is_ignored() -> None:
+    layout = message_layout(Gain=Scalar.UINT8, gain=Scalar.UINT8)
     assert codes(layout, ST) == [("SHM203", 2)]
     assert codes(layout, PYTHON) == codes(layout, C) == []
 
 
-def test_an_escaped_name_that_meets_another_clashes() -> None:
-    assert codes(message(step_=Scalar.UINT8, step=Scalar.UINT8), ST) == [("SHM203", 2)]
-    assert codes(message(a_b=Scalar.UINT8, a__b=Scalar.UINT8), ST) == [("SHM203", 2)]
-    assert codes(message(**{"from": Scalar.UINT8, "from_": Scalar.UINT8}), PYTHON) == [("SHM203", 2)]
-    assert codes(message(int=Scalar.UINT8, int_=Scalar.UINT8), C) == [("SHM203", 2)]
+def test_escaped_name_clashes_with_an_equal_name() -> None:
+    assert codes(message_layout(step_=Scalar.UINT8, step=Scalar.UINT8), ST) == [("SHM203", 2)]
+    assert codes(message_layout(a_b=Scalar.UINT8, a__b=Scalar.UINT8), ST) == [("SHM203", 2)]
+    assert codes(message_layout(**{"from": Scalar.UINT8, "from_": Scalar.UINT8}), PYTHON) == [("SHM203", 2)]
+    assert codes(message_layout(int=Scalar.UINT8, int_=Scalar.UINT8), C) == [("SHM203", 2)]
 
 
 @pytest.mark.parametrize("target", [ST, PYTHON, C])
-def test_names_of_the_generator_are_its_own(target: naming.Names) -> None:
+def test_field_cannot_use_a_name_that_shmgen_adds(target: naming.Names) -> None:
     tail = Sequence(Scalar.UINT8, 4)
-    assert codes(message(tail=tail, tail_count=Scalar.UINT8), target) == [("SHM204", 2)]
-    assert codes(message(tail_count=Scalar.UINT8, tail=tail), target) == [("SHM204", 1)]
-    assert codes(message(a=Scalar.UINT8, b=Scalar.UINT64, _pad0=Scalar.UINT8), target) == [("SHM204", 3)]
-    assert codes(message(a=Scalar.UINT8, b=Scalar.UINT64, _pad9=Scalar.UINT8), target) == []
+    assert codes(message_layout(tail=tail, tail_count=Scalar.UINT8), target) == [("SHM204", 2)]
+    assert codes(message_layout(tail_count=Scalar.UINT8, tail=tail), target) == [("SHM204", 1)]
+    assert codes(message_layout(a=Scalar.UINT8, b=Scalar.UINT64, _pad0=Scalar.UINT8), target) == [("SHM204", 3)]
+    assert codes(message_layout(a=Scalar.UINT8, b=Scalar.UINT64, _pad9=Scalar.UINT8), target) == []
 
 
-def test_the_clash_says_why_and_what_to_do() -> None:
+def test_clash_message_contains_cause_and_solution() -> None:
     report = Report()
-    layout = message(step_=Scalar.UINT8, step=Scalar.UINT8)
+    layout = message_layout(step_=Scalar.UINT8, step=Scalar.UINT8)
     naming.check({layout.name: layout}, "shm_msgs", (), ST, ["st", "plcopen"], report)
     (text,) = map(str, report.diagnostics)
     assert "`step_` and `step` become the same name in Structured Text: `step` becomes `step_`" in text

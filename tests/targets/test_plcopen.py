@@ -90,18 +90,18 @@ def project(texts: dict[str, str]) -> Any:
 
 @pytest.fixture(scope="module")
 def files(texts: dict[str, str]) -> dict[str, str]:
-    """The Structured Text by the name of its object."""
+    """The generated Structured Text, by the name of its object."""
     return {Path(path).stem: text for path, text in texts.items() if path.startswith("st/")}
 
 
 @pytest.fixture(scope="module")
 def objects(project: Any) -> dict[str, Any]:
-    """Everything that an import brings, by name."""
+    """All objects that an import creates, by name."""
     return {item.get("name"): item for tag in ("dataType", "globalVars", "pou") for item in project.iter(PLC + tag)}
 
 
 def data(item: Any, name: str) -> list[Any]:
-    """What CODESYS keeps in addData under `name`, of `item` itself and not of what is in it."""
+    """Return the elements in the addData `name` of CODESYS, of `item` itself and not of its descendants."""
     return item.findall(f"{PLC}addData/{PLC}data[@name='{CODESYS}{name}']/*")
 
 
@@ -117,30 +117,30 @@ def body(item: Any) -> str:
 
 
 @pytest.mark.parametrize("options", ["", '[types]\nbool = "BOOL"\ntime = "LTIME"\n', '[types]\ntime = "struct"\n'])
-def test_it_is_valid(tmp_path: Path, options: str) -> None:
+def test_xml_is_valid(tmp_path: Path, options: str) -> None:
     file = SHARED / "schemas" / "tc6_xml_v201.xsd"
     if not file.is_file():
         pytest.skip(f"no schema of PLCopen at {file}")
-    # The schema of 2.0.1, the only one to be had, has all of 2.0 that is used here.
+    # Only the schema of 2.0.1 is available. It contains all elements of 2.0 that shmgen uses.
     schema = etree.XMLSchema(etree.fromstring(file.read_bytes().replace(b"tc6_0201", b"tc6_0200")))
     project = etree.fromstring(generate(tmp_path, options)["plcopen/shmgen.xml"].encode())
     schema.assertValid(project)
     (resource,) = project.iter(PLC + "resource")
-    for found in list(project.iter(PLC + "globalVars")):
-        # The schema does not look into addData, so what stands there goes to where it would be without CODESYS.
-        resource.find(PLC + "addData").addprevious(deepcopy(found))
+    for variables in list(project.iter(PLC + "globalVars")):
+        # The schema ignores addData, so the test moves its content to the standard place.
+        resource.find(PLC + "addData").addprevious(deepcopy(variables))
     configurations = project.find(f"{PLC}instances/{PLC}configurations")
     resource.getparent().getparent().remove(resource.getparent())
     etree.SubElement(configurations, PLC + "configuration", name="Device").append(resource)
     schema.assertValid(project)
 
 
-def test_plcopen_of_pypi_reads_it(texts: dict[str, str], files: dict[str, str]) -> None:
+def test_plcopen_package_of_pypi_reads_the_xml(texts: dict[str, str], files: dict[str, str]) -> None:
     plcopen = import_or_skip("plcopen")
     parsers = import_or_skip("xsdata.formats.dataclass.parsers")
-    # It does not take the `value` in an `arrayValue` that the schema asks for.
+    # The package rejects the `value` in an `arrayValue`, which the schema requires.
     xml = re.sub("<initialValue><arrayValue>.*?</initialValue>", "", texts["plcopen/shmgen.xml"])
-    xml = xml.replace("tc6_0200", "tc6_0201")  # which it knows
+    xml = xml.replace("tc6_0200", "tc6_0201")  # the version of the package
     read = parsers.XmlParser().from_bytes(xml.encode(), plcopen.Project)
     names = [item.name for item in (*read.types.data_types.data_type, *read.types.pous.pou)]
     assert sorted(names) == sorted(name for name in files if not name.startswith("GVL"))
@@ -150,23 +150,23 @@ def test_plcopen_of_pypi_reads_it(texts: dict[str, str], files: dict[str, str]) 
     assert read.instances.configurations.configuration == []
 
 
-def test_nothing_in_it_changes_by_itself(texts: dict[str, str], tmp_path: Path) -> None:
+def test_xml_is_reproducible(texts: dict[str, str], tmp_path: Path) -> None:
     xml = texts["plcopen/shmgen.xml"]
     assert generate(tmp_path)["plcopen/shmgen.xml"] == xml
     assert set(re.findall(r"\d{4}-\d\d-\d\d", xml)) == {"2000-01-01"}
     assert xml.isascii()
 
 
-# --- what it holds ------------------------------------------------------------------------------------
+# --- the content ------------------------------------------------------------------------------------
 
 
-def test_every_object_is_in_it_once(project: Any, files: dict[str, str]) -> None:
-    found = [item.get("name") for tag in ("dataType", "globalVars", "pou") for item in project.iter(PLC + tag)]
-    assert sorted(found) == sorted(files)
+def test_xml_contains_each_object_once(project: Any, files: dict[str, str]) -> None:
+    names = [item.get("name") for tag in ("dataType", "globalVars", "pou") for item in project.iter(PLC + tag)]
+    assert sorted(names) == sorted(files)
 
 
-def test_plain_text_is_the_text_of_the_files(objects: dict[str, Any], files: dict[str, str]) -> None:
-    """Line for line, but for blank ones and for the END_ that an IDE does not store."""
+def test_plain_text_equals_the_text_of_the_files(objects: dict[str, Any], files: dict[str, str]) -> None:
+    """Compare all lines, except empty lines and the END_ keywords, which an IDE does not store."""
     for name, text in files.items():
         item = objects[name]
         if item.tag != PLC + "pou":
@@ -179,7 +179,7 @@ def test_plain_text_is_the_text_of_the_files(objects: dict[str, Any], files: dic
         assert [line for line in lines if line] == [line for line in text.split("\n") if line], name
 
 
-def test_a_declaration_ends_where_the_code_begins(objects: dict[str, Any]) -> None:
+def test_declaration_and_code_are_separate(objects: dict[str, Any]) -> None:
     block = objects["FB_demo_msgs_Point_Subscriber"]
     assert plain(block).startswith("// Reads demo_msgs/msg/Point from one topic.")
     assert plain(block).endswith("END_VAR")
@@ -201,58 +201,58 @@ def test_a_declaration_ends_where_the_code_begins(objects: dict[str, Any]) -> No
     assert plain(unlock).split("\n")[-1] == "METHOD PRIVATE Unlock"
 
 
-def spelled(item: Any) -> str:
-    """A type as Structured Text spells it."""
+def st_type(item: Any) -> str:
+    """Return a type as Structured Text."""
     tag = item.tag.removeprefix(PLC)
     match tag:
         case "array":
             (dimension,) = item.findall(f"{PLC}dimension")
-            inner = spelled(item.find(f"{PLC}baseType")[0])
+            inner = st_type(item.find(f"{PLC}baseType")[0])
             return f"ARRAY [{dimension.get('lower')}..{dimension.get('upper')}] OF {inner}"
         case "pointer":
-            return f"POINTER TO {spelled(item.find(f'{PLC}baseType')[0])}"
+            return f"POINTER TO {st_type(item.find(f'{PLC}baseType')[0])}"
         case "string" | "wstring":
             return f"{tag.upper()}({item.get('length')})"
         case "derived":
-            assert item.get("name") == "LTIME" or item.get("name") not in SIZES, "PLCopen has an element for it"
+            assert item.get("name") == "LTIME" or item.get("name") not in SIZES, "PLCopen has an element for this type"
             return str(item.get("name"))
         case _:
             return str(tag)
 
 
-def declared(section: Any) -> list[tuple[str, str]]:
-    """Names and spelled types with their initial values."""
+def declarations(section: Any) -> list[tuple[str, str]]:
+    """Return the names and the types, with initial values, of a section."""
     pairs = []
     for variable in section.findall(f"{PLC}variable"):
         value = variable.find(f"{PLC}initialValue/*")
-        initial = "" if value is None else f" := {valued(value)}"
-        pairs.append((variable.get("name"), spelled(variable.find(f"{PLC}type")[0]) + initial))
+        initial = "" if value is None else f" := {st_value(value)}"
+        pairs.append((variable.get("name"), st_type(variable.find(f"{PLC}type")[0]) + initial))
     return pairs
 
 
-def valued(value: Any) -> str:
+def st_value(value: Any) -> str:
     if value.tag == f"{PLC}simpleValue":
         return str(value.get("value"))
-    return f"[{', '.join(valued(element[0]) for element in value.findall(f'{PLC}value'))}]"
+    return f"[{', '.join(st_value(element[0]) for element in value.findall(f'{PLC}value'))}]"
 
 
 SECTIONS = {
     "InputDeclarations": "inputVars",
     "OutputDeclarations": "outputVars",
     "VariableDeclarations": "localVars",
-    "IncompleteLocatedVariableDeclarations": "localVars",  # blark's word for an empty VAR
+    "IncompleteLocatedVariableDeclarations": "localVars",  # blark's class of an empty VAR
 }
 
 
 @pytest.mark.slow
-def test_the_structured_declarations_are_what_blark_reads(objects: dict[str, Any], files: dict[str, str]) -> None:
+def test_structured_declarations_match_blark(objects: dict[str, Any], files: dict[str, str]) -> None:
     for name, text in files.items():
         item = objects[name]
         if item.tag == PLC + "globalVars":
-            assert declared(item) == members(text)
+            assert declarations(item) == members(text)
             assert item.get("constant") == ("true" if "\nVAR_GLOBAL CONSTANT\n" in text else None)
         elif "\nSTRUCT\n" in text:
-            assert declared(item.find(f"{PLC}baseType/{PLC}struct")) == members(text)
+            assert declarations(item.find(f"{PLC}baseType/{PLC}struct")) == members(text)
         elif item.tag == PLC + "pou":
             unit, *methods = parse(text)
             for read, stored in zip([unit, *methods], [item, *data(item, "method")], strict=True):
@@ -263,64 +263,64 @@ def test_the_structured_declarations_are_what_blark_reads(objects: dict[str, Any
                 ]
                 for section, lists in zip(read.declarations, sections, strict=True):
                     expected = [
-                        # blark writes T#1s its own way
+                        # blark changes the spelling of T#1s
                         (str(getattr(name, "variable", name)), re.sub(r"TIME#(\d+)S", r"T#\1s", str(item.init)))
                         for item in section.items
                         for name in item.variables
                     ]
-                    assert declared(lists) == expected, f"{name}.{stored.get('name')}"
+                    assert declarations(lists) == expected, f"{name}.{stored.get('name')}"
                     assert lists.get("constant") == ("true" if section.attrs else None)
                 returns = stored.find(f"{PLC}interface/{PLC}returnType")
-                assert (None if returns is None else spelled(returns[0])) == (
+                assert (None if returns is None else st_type(returns[0])) == (
                     str(read.return_type) if getattr(read, "return_type", None) else None
                 )
         elif (struct := item.find(f"{PLC}baseType/{PLC}struct")) is not None:
-            assert declared(struct) == members(text)
+            assert declarations(struct) == members(text)
 
 
-def test_enumerations_keep_their_base_and_their_numbers(objects: dict[str, Any], files: dict[str, str]) -> None:
+def test_enumerations_keep_base_type_and_values(objects: dict[str, Any], files: dict[str, str]) -> None:
     for name in ("E_ShmError", "E_ShmState"):
         enum = objects[name].find(f"{PLC}baseType/{PLC}enum")
-        found = [(value.get("name"), value.get("value")) for value in enum.iter(PLC + "value")]
-        assert found == re.findall(r"^    (\w+) +:= (\d+)", files[name], re.MULTILINE)
-        assert spelled(enum.find(f"{PLC}baseType")[0]) == "UDINT"
+        values = [(value.get("name"), value.get("value")) for value in enum.iter(PLC + "value")]
+        assert values == re.findall(r"^    (\w+) +:= (\d+)", files[name], re.MULTILINE)
+        assert st_type(enum.find(f"{PLC}baseType")[0]) == "UDINT"
         first = objects[name].find(f"{PLC}initialValue/{PLC}simpleValue").get("value")
-        assert first == found[0][0]
+        assert first == values[0][0]
 
 
-def test_attributes(objects: dict[str, Any], files: dict[str, str]) -> None:
+def test_attributes_match_the_files(objects: dict[str, Any], files: dict[str, str]) -> None:
     for name, item in objects.items():
         attributes = [attribute for lists in data(item, "attributes") for attribute in lists]
-        found = [(attribute.get("Name"), attribute.get("Value")) for attribute in attributes]
-        given = re.findall(r"^\{attribute '(\w+)'(?: := '(\w*)')?\}$", files[name], re.MULTILINE)
-        assert found == given, name
+        stored = [(attribute.get("Name"), attribute.get("Value")) for attribute in attributes]
+        expected = re.findall(r"^\{attribute '(\w+)'(?: := '(\w*)')?\}$", files[name], re.MULTILINE)
+        assert stored == expected, name
     assert [tuple(a.attrib.values()) for a in data(objects["ST_ShmHeader"], "attributes")[0]] == [("pack_mode", "8")]
 
 
-def test_what_is_private_stays_so(objects: dict[str, Any], files: dict[str, str]) -> None:
+def test_private_methods_stay_private(objects: dict[str, Any], files: dict[str, str]) -> None:
     methods = data(objects["FB_ShmRegion"], "method")
     private = [method.get("name") for method in methods if data(method.find(f"{PLC}interface"), "accessmodifiers")]
     assert private == re.findall(r"^METHOD PRIVATE (\w+)", files["FB_ShmRegion"], re.MULTILINE)
 
 
-def test_libraries_are_those_that_the_block_names(project: Any, files: dict[str, str]) -> None:
-    assert data(project, "libraries") == [], "exports have them in the application"
+def test_libraries_match_the_comment_of_the_block(project: Any, files: dict[str, str]) -> None:
+    assert data(project, "libraries") == [], "exports store libraries in the application"
     (resource,) = data(project, "application")
     (libraries,) = data(resource, "libraries")
     (manager,) = project.iterfind(f".//{PLC}Object[@Name='Library Manager']")
-    assert [it.text for it in data(libraries, "objectid")] == [manager.get("ObjectId")]
+    assert [node.text for node in data(libraries, "objectid")] == [manager.get("ObjectId")]
     libraries = libraries.findall(f"{PLC}Library")
     titles = [library.get("Name").lstrip("#").partition(",")[0] for library in libraries]
     assert f"// Libraries: {', '.join(titles)}." in files["FB_ShmRegion"]
 
 
-def test_hostile_comments_stay_where_they_are(objects: dict[str, Any], project: Any) -> None:
+def test_hostile_comments_stay_comments(objects: dict[str, Any], project: Any) -> None:
     everything = objects["ST_demo_msgs_Everything"]
-    spelled_in_ascii = HOSTILE.replace("\u0394", "<U+0394>").replace("\U0001f916", "<U+1F916>")
-    assert everything.find(f"{PLC}documentation") is None, "one record says that an IDE refuses the file for it"
-    assert spelled_in_ascii in plain(everything)
+    ascii_comment = HOSTILE.replace("\u0394", "<U+0394>").replace("\U0001f916", "<U+1F916>")
+    assert everything.find(f"{PLC}documentation") is None, "one report says that an IDE rejects this file"
+    assert ascii_comment in plain(everything)
     flag = everything.find(f".//{PLC}variable[@name='flag']/{PLC}documentation/{XHTML}")
-    assert (flag.text, len(flag)) == (spelled_in_ascii, 0)
+    assert (flag.text, len(flag)) == (ascii_comment, 0)
     assert not list(project.iter(etree.Comment, etree.ProcessingInstruction))
     text = everything.find(f".//{PLC}variable[@name='text']/{PLC}initialValue/{PLC}simpleValue")
     assert text.get("value") == "'<&;//:= $'\"'"
@@ -331,7 +331,7 @@ def test_hostile_comments_stay_where_they_are(objects: dict[str, Any], project: 
 # --- the script ---------------------------------------------------------------------------------------
 
 
-def test_the_script_is_python_2_7(texts: dict[str, str]) -> None:
+def test_script_is_python_2_7(texts: dict[str, str]) -> None:
     parso = import_or_skip("parso")
     if parso.__version__ >= "0.8":
         pytest.skip(f"parso {parso.__version__} has no grammar of Python 2.7; 0.7.1 is the last")
@@ -340,7 +340,7 @@ def test_the_script_is_python_2_7(texts: dict[str, str]) -> None:
     assert [issue.message for issue in grammar.iter_errors(grammar.parse(code))] == []
     assert code.isascii()
     newer = grammar.parse('say(f"{text}")\n')
-    assert list(grammar.iter_errors(newer)), "the check can fail"
+    assert list(grammar.iter_errors(newer)), "the grammar must reject newer syntax"
 
 
 @pytest.fixture
@@ -353,19 +353,19 @@ def script(texts: dict[str, str], tmp_path: Path) -> Path:
 SYSTEM = ("SysShm, 3.5.17.0 (System)", "SysSemProcess, 3.5.15.0 (System)", "SysTypes2 Interfaces, 3.5.17.0 (System)")
 
 
-def test_the_script_imports_replaces_and_leaves_the_rest_alone(
+def test_script_imports_objects_and_keeps_those_of_the_user(
     script: Path, texts: dict[str, str], files: dict[str, str]
 ) -> None:
-    mine = [Found("ST_demo_msgs_Point"), Found("PRG_Mine")]
-    ide = Ide(SYSTEM, mine, references=[Reference("#SysShm", SYSTEM[0])])
+    own_objects = [Found("ST_demo_msgs_Point"), Found("PRG_Mine")]
+    ide = Ide(SYSTEM, own_objects, references=[Reference("#SysShm", SYSTEM[0])])
     ide.run(script)
     application = ide.application
     assert ide.replaced == ["ST_demo_msgs_Point"]
-    (folder,) = [found for found in application.children if found.is_folder]
-    assert {found.name for found in application.children} >= {"ROS", "ST_demo_msgs_Point", "PRG_Mine"}
-    assert [found.name for found in folder.children] == ["demo_msgs", "shmgen", "GVL_Ros", "PRG_Ros"]
-    inside = [Path(path).stem for path in texts if path.startswith("st/demo_msgs/")]
-    assert sorted([*(found.name for found in folder.children[0].children), "ST_demo_msgs_Point"]) == sorted(inside)
+    (folder,) = [child for child in application.children if child.is_folder]
+    assert {child.name for child in application.children} >= {"ROS", "ST_demo_msgs_Point", "PRG_Mine"}
+    assert [child.name for child in folder.children] == ["demo_msgs", "shmgen", "GVL_Ros", "PRG_Ros"]
+    stems = [Path(path).stem for path in texts if path.startswith("st/demo_msgs/")]
+    assert sorted([*(child.name for child in folder.children[0].children), "ST_demo_msgs_Point"]) == sorted(stems)
     assert [reference.name for reference in ide.manager.references] == ["#SysShm", "#SysSemProcess", SYSTEM[2]]
     ide.open_again()
     assert ide.build() == []
@@ -384,40 +384,40 @@ def test_the_script_imports_replaces_and_leaves_the_rest_alone(
     (task,) = application.tasks.children
     task.pous.append("PRG_Mine")
     ide.run(script)
-    assert sorted(ide.replaced[1:]) == sorted(files), "a second import replaces, and makes no Pose_1"
+    assert sorted(ide.replaced[1:]) == sorted(files), "a second import replaces objects and creates no Pose_1"
     assert len(folder.children) == 4
     assert task.pous == ["PRG_Ros", "PRG_Mine"]
     assert [what for severity, what, _ in ide.table() if severity != "Information"] == []
 
 
-def test_the_script_says_what_is_left_to_do(script: Path) -> None:
-    """No library is installed, or two are and one does not resolve: the project opens again all the same."""
+def test_script_reports_missing_libraries(script: Path) -> None:
+    """Reopen the project if no library is installed, and if one of two libraries does not resolve."""
     ide = Ide(libraries=())
     ide.run(script)
     ide.open_again()
-    todo = [what for severity, what, done in ide.table() if severity == "Warning" and "by hand" in done]
-    assert todo == ["library SysShm", "library SysSemProcess", "library SysTypes2 Interfaces"]
+    manual_steps = [what for severity, what, done in ide.table() if severity == "Warning" and "by hand" in done]
+    assert manual_steps == ["library SysShm", "library SysSemProcess", "library SysTypes2 Interfaces"]
     ide = Ide(SYSTEM, unresolved=("SysSemProcess",), references=[Reference("#SysShm", "")])
     ide.run(script)
     ide.open_again()
     assert [reference.name for reference in ide.manager.references] == ["#SysShm", SYSTEM[2]]
-    assert ("Warning", "library SysSemProcess") in [found[:2] for found in ide.table()]
+    assert ("Warning", "library SysSemProcess") in [row[:2] for row in ide.table()]
 
 
-def test_the_script_puts_in_order_what_an_ide_imports_its_own_way(script: Path, files: dict[str, str]) -> None:
-    """One that takes the task from the file, and one that knows no folders and wants priorities as text."""
+def test_script_adapts_to_other_ides(script: Path, files: dict[str, str]) -> None:
+    """Support an IDE that imports the task, and an IDE without folders that requires priorities as text."""
     ide = Ide(SYSTEM, takes_task=True)
     ide.run(script)
     assert ("Information", "task RosTask", "present, unchanged") in ide.table()
     ide = Ide(SYSTEM, flat=True, priority=str)
     ide.run(script)
-    (folder,) = [found for found in ide.application.children if found.is_folder]
-    assert sorted(found.name for found in folder.children) == sorted(files)
+    (folder,) = [child for child in ide.application.children if child.is_folder]
+    assert sorted(child.name for child in folder.children) == sorted(files)
     assert ide.build() == []
 
 
-def test_the_stand_in_is_as_strict_as_the_records(script: Path) -> None:
-    """Else the script could pass with what an IDE refuses."""
+def test_simulated_ide_rejects_what_codesys_rejects(script: Path) -> None:
+    """Prevent that the script passes although a real IDE would reject its calls."""
     ide = Ide(SYSTEM)
     ide.manager.add_library("Elsewhere")
     with pytest.raises(RuntimeError, match="placeholder library 'Elsewhere' could not be resolved"):
@@ -437,7 +437,7 @@ def test_the_stand_in_is_as_strict_as_the_records(script: Path) -> None:
         ide.application.import_xml(reporter, str(xml), True)
 
 
-def test_without_topics_the_script_knows_no_task(tmp_path: Path) -> None:
+def test_script_adds_no_task_without_topics(tmp_path: Path) -> None:
     (tmp_path / "shmgen.toml").write_text("")
     loaded = config.load(tmp_path / "shmgen.toml", "shmgen.toml", Report())
     code = pipeline.generate(loaded, ["std_msgs/Bool"])["plcopen/import_shmgen.py"]

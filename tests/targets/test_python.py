@@ -1,4 +1,4 @@
-"""What generated classes do with values: round trips, and typed errors that leave the region alone."""
+"""Test the values of generated classes: round trips, and typed errors that do not change the region."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def time(seconds: int, nanoseconds: int = 0) -> SimpleNamespace:
     return SimpleNamespace(sec=seconds, nanosec=nanoseconds)
 
 
-def joint(**changed: Any) -> SimpleNamespace:
-    return SimpleNamespace(**{"name": "j", "turns": 3, "torque": 1.5, **changed})
+def joint(**changes: Any) -> SimpleNamespace:
+    return SimpleNamespace(**{"name": "j", "turns": 3, "torque": 1.5, **changes})
 
 
-def robot(**changed: Any) -> SimpleNamespace:
+def robot(**changes: Any) -> SimpleNamespace:
     fields: dict[str, Any] = {
         "ready": True, "mode": -3, "serial": 2**64 - 1, "label": "grün", "sign": "☃",
         "stamp": time(0), "patience": time(2),
@@ -66,54 +66,54 @@ def robot(**changed: Any) -> SimpleNamespace:
         "window": [time(0), time(0)], "arm": joint(), "joints": [joint(name="one"), joint()],
         "wheels": [joint(), joint()], "pictures": [], "pauses": [],
     }  # fmt: skip
-    return SimpleNamespace(**{**fields, **changed})
+    return SimpleNamespace(**{**fields, **changes})
 
 
-def test_a_new_object_has_the_definitions_defaults_and_constants(demo: ModuleType) -> None:
-    new = demo.Robot()
-    assert (new.mode, new.label, list(new.axis), new.ready, len(new.joints)) == (5, "R1", [1.0, 0.0, 0.0], False, 0)
+def test_new_object_has_defaults_and_constants(demo: ModuleType) -> None:
+    msg = demo.Robot()
+    assert (msg.mode, msg.label, list(msg.axis), msg.ready, len(msg.joints)) == (5, "R1", [1.0, 0.0, 0.0], False, 0)
     assert (demo.Robot.IDLE, demo.Robot.GREETING, demo.Robot.HALF) == (0, 'say "hi"', 0.5)
 
 
-def test_members_are_shown_as_ros_shows_them(demo: ModuleType) -> None:
-    one = demo.Robot(label="x", joints=[demo.Joint(name="a"), demo.Joint(name="b")], image=b"\x01\x02", tags=["q"])
-    one.joints[1].turns = 7
-    one.axis[2] = 9.0
-    assert ([joint.name for joint in one.joints], one.joints[1].turns) == (["a", "b"], 7)
-    assert (list(one.axis), bytes(one.image), one.tags) == ([1.0, 0.0, 9.0], b"\x01\x02", ["q"])
-    assert "joints=[Joint(name='a', turns=0, torque=0.0), Joint(name='b', turns=7, torque=0.0)]" in repr(one)
+def test_members_behave_as_in_ros(demo: ModuleType) -> None:
+    msg = demo.Robot(label="x", joints=[demo.Joint(name="a"), demo.Joint(name="b")], image=b"\x01\x02", tags=["q"])
+    msg.joints[1].turns = 7
+    msg.axis[2] = 9.0
+    assert ([joint.name for joint in msg.joints], msg.joints[1].turns) == (["a", "b"], 7)
+    assert (list(msg.axis), bytes(msg.image), msg.tags) == ([1.0, 0.0, 9.0], b"\x01\x02", ["q"])
+    assert "joints=[Joint(name='a', turns=0, torque=0.0), Joint(name='b', turns=7, torque=0.0)]" in repr(msg)
 
 
-def test_a_misspelt_field_is_an_error(demo: ModuleType) -> None:
-    """As with ROS 2's classes. It was kept beside the fields, and zeros were sent."""
-    one = demo.Robot(joints=[demo.Joint()], pictures=[demo.Picture()])
-    for place, word in ((one, "labl"), (one.arm, "turn"), (one.joints[0], "torq"), (one.stamp, "sek")):
+def test_misspelt_field_raises_attribute_error(demo: ModuleType) -> None:
+    """Reject an unknown attribute, as ROS 2 does. Otherwise the value would be lost and a zero published."""
+    msg = demo.Robot(joints=[demo.Joint()], pictures=[demo.Picture()])
+    for place, word in ((msg, "labl"), (msg.arm, "turn"), (msg.joints[0], "torq"), (msg.stamp, "sek")):
         with pytest.raises(AttributeError, match=word):
             setattr(place, word, 1)
     with pytest.raises(AttributeError, match="picturs"):
-        one.picturs = []
+        msg.picturs = []
 
 
-class Own(runtime.Message):
-    """A class of a user's, which may have attributes of its own."""
+class UserMessage(runtime.Message):
+    """A message class written by a user, which may have additional attributes."""
 
     _fields_ = (("number", ctypes.c_int32),)
     _names_ = ("number",)
 
 
-def test_copies_and_pickles_are_whole(demo: ModuleType) -> None:
-    one, own = demo.Robot(label="a", joints=[demo.Joint(name="j")], image=b"12"), Own(number=3)
+def test_copies_and_pickles_are_complete(demo: ModuleType) -> None:
+    msg, own = demo.Robot(label="a", joints=[demo.Joint(name="j")], image=b"12"), UserMessage(number=3)
     own.remark = "mine"
-    ways: list[Callable[[Any], Any]] = [copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))]
-    for way in ways:
-        again = way(one)
-        again.joints[0].turns = 5
-        assert (again.label, again.joints[0].name, one.joints[0].turns) == ("a", "j", 0)
-        assert way(one.joints[0]) == one.joints[0]
-        assert (way(own), way(own).remark) == (own, "mine")
+    copy_functions: list[Callable[[Any], Any]] = [copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))]
+    for duplicate_by in copy_functions:
+        duplicate = duplicate_by(msg)
+        duplicate.joints[0].turns = 5
+        assert (duplicate.label, duplicate.joints[0].name, msg.joints[0].turns) == ("a", "j", 0)
+        assert duplicate_by(msg.joints[0]) == msg.joints[0]
+        assert (duplicate_by(own), duplicate_by(own).remark) == (own, "mine")
 
 
-def test_the_docstring_tells_shapes_bounds_units_and_source(demo: ModuleType) -> None:
+def test_docstring_contains_shapes_bounds_and_units(demo: ModuleType) -> None:
     assert "A robot." in demo.Robot.__doc__
     assert "joints (demo_msgs/Joint[<=3])" in demo.Robot.__doc__
     assert "torque (float32) [Nm]" in demo.Joint.__doc__
@@ -150,14 +150,14 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("changed", "error", "path"), BAD, ids=[f"{path}-{next(iter(c))}" for c, _, path in BAD])
-def test_a_bad_value_is_named_and_the_former_sample_stays(
-    demo: ModuleType, topic: str, changed: dict[str, Any], error: type[runtime.ValueRejected], path: str
+@pytest.mark.parametrize(("changes", "error", "path"), BAD, ids=[f"{path}-{next(iter(c))}" for c, _, path in BAD])
+def test_rejected_publish_keeps_the_former_sample(
+    demo: ModuleType, topic: str, changes: dict[str, Any], error: type[runtime.ValueRejected], path: str
 ) -> None:
     with demo.RobotPublisher(topic) as publisher, demo.RobotSubscriber(topic) as subscriber:
         publisher.publish(robot(serial=1))
         with pytest.raises(error) as raised:
-            publisher.publish(robot(**changed))
+            publisher.publish(robot(**changes))
         assert raised.value.path == path
         assert publisher.sequence == 1
         assert subscriber.read().serial == 1
@@ -166,17 +166,17 @@ def test_a_bad_value_is_named_and_the_former_sample_stays(
         assert subscriber.read().serial == 2
 
 
-WRONG = [
+BAD_MEMBERS = [
     ("label", "x" * 11), ("axis", [1.0]), ("joints", [joint()] * 4),
     ("mode", 200), ("mode", 2**40 + 5), ("mode", -129), ("mode", 1.5), ("mode", np.int64(200)), ("mode", "5"),
     ("serial", -1), ("serial", 2**64), ("ready", "false"), ("ready", 2), ("ready", None),
     ("image", [1, 256]), ("image", [-1]), ("image", np.array([256])), ("flags", ["false"]), ("thrust", [0, 1e300]),
 ]  # fmt: skip
-"""Of a Robot: a member, and what it cannot hold."""
+"""Members of a Robot, each with an invalid value."""
 
 
-@pytest.mark.parametrize(("name", "value"), WRONG)
-def test_the_class_itself_takes_no_bad_value(demo: ModuleType, name: str, value: Any) -> None:
+@pytest.mark.parametrize(("name", "value"), BAD_MEMBERS)
+def test_constructor_and_assignment_reject_bad_values(demo: ModuleType, name: str, value: Any) -> None:
     with pytest.raises(runtime.ValueRejected) as raised:
         demo.Robot(**{name: value})
     assert raised.value.path.partition("[")[0] == name
@@ -187,7 +187,7 @@ def test_the_class_itself_takes_no_bad_value(demo: ModuleType, name: str, value:
 
 
 @pytest.mark.parametrize(
-    ("name", "where", "value", "path"),
+    ("name", "index", "value", "path"),
     [
         ("thrust", 0, 1e300, "thrust[0]"),
         ("thrust", -1, "x", "thrust[-1]"),
@@ -201,17 +201,17 @@ def test_the_class_itself_takes_no_bad_value(demo: ModuleType, name: str, value:
         ("flags", slice(0, 1), ["no"], "flags[0]"),
     ],
 )
-def test_an_element_takes_no_bad_value(demo: ModuleType, name: str, where: Any, value: Any, path: str) -> None:
-    one = demo.Robot(image=bytes(3), flags=[True, True])
+def test_element_assignment_rejects_bad_values(demo: ModuleType, name: str, index: Any, value: Any, path: str) -> None:
+    msg = demo.Robot(image=bytes(3), flags=[True, True])
     with pytest.raises(runtime.OutOfRange) as raised:
-        getattr(one, name)[where] = value
+        getattr(msg, name)[index] = value
     assert raised.value.path == path
-    assert one == demo.Robot(image=bytes(3), flags=[True, True])
+    assert msg == demo.Robot(image=bytes(3), flags=[True, True])
 
 
-def test_a_bad_value_further_in_is_found_where_it_is_set(demo: ModuleType) -> None:
-    one = demo.Robot(joints=[demo.Joint()])
-    for part in (one.arm, one.joints[0], one.wheels[1]):
+def test_nested_assignment_rejects_bad_values(demo: ModuleType) -> None:
+    msg = demo.Robot(joints=[demo.Joint()])
+    for part in (msg.arm, msg.joints[0], msg.wheels[1]):
         with pytest.raises(runtime.OutOfRange, match="turns: 32768; int16 goes from -32768 to 32767"):
             part.turns = 2**15
         with pytest.raises(runtime.OutOfRange, match=r"torque: 1e\+39 is too large for float32"):
@@ -220,50 +220,50 @@ def test_a_bad_value_further_in_is_found_where_it_is_set(demo: ModuleType) -> No
         assert (part.turns, part.torque) == (-(2**15), math.inf)
 
 
-def test_the_limits_infinity_and_numpy_pass(demo: ModuleType, topic: str) -> None:
-    one = demo.Robot(mode=np.int8(-128), serial=2**64 - 1, ready=np.bool_(True), thrust=(-math.inf, math.nan))
-    one.arm.torque = np.float64(1.5)
-    one.image = np.arange(250, 256, dtype=np.uint8)
-    one.image[1:3] = np.array([0, 255])
-    one.flags = [True, 0, False]
-    one.flags[1:] = (1, np.bool_(False))
+def test_limits_infinity_and_numpy_values_are_accepted(demo: ModuleType, topic: str) -> None:
+    msg = demo.Robot(mode=np.int8(-128), serial=2**64 - 1, ready=np.bool_(True), thrust=(-math.inf, math.nan))
+    msg.arm.torque = np.float64(1.5)
+    msg.image = np.arange(250, 256, dtype=np.uint8)
+    msg.image[1:3] = np.array([0, 255])
+    msg.flags = [True, 0, False]
+    msg.flags[1:] = (1, np.bool_(False))
     with demo.RobotPublisher(topic) as publisher, demo.RobotSubscriber(topic) as subscriber:
-        publisher.publish(one)
-        got = subscriber.read()
-    assert (got.mode, got.serial, got.ready, got.arm.torque) == (-128, 2**64 - 1, True, 1.5)
-    assert (bytes(got.image), list(got.flags)) == (bytes([250, 0, 255, 253, 254, 255]), [True, True, False])
-    assert got.thrust[0] == -math.inf
-    assert math.isnan(got.thrust[1])
+        publisher.publish(msg)
+        sample = subscriber.read()
+    assert (sample.mode, sample.serial, sample.ready, sample.arm.torque) == (-128, 2**64 - 1, True, 1.5)
+    assert (bytes(sample.image), list(sample.flags)) == (bytes([250, 0, 255, 253, 254, 255]), [True, True, False])
+    assert sample.thrust[0] == -math.inf
+    assert math.isnan(sample.thrust[1])
 
 
-def test_long_messages_and_times_are_set_and_shown_whole(demo: ModuleType) -> None:
+def test_long_messages_and_times_keep_their_values(demo: ModuleType) -> None:
     data = bytes(range(250)) * 20
-    one = demo.Robot(
+    msg = demo.Robot(
         pictures=[SimpleNamespace(first=1, data=data, last=2), demo.Picture(first=3, data=data[::-1], last=4)],
         pauses=[time(1), time(2, 5_000_000)],
         patience=time(7, 9_000_000),
     )
-    shown = [(picture.first, bytes(picture.data), picture.last) for picture in one.pictures]
-    assert shown == [(1, data, 2), (3, data[::-1], 4)]
-    assert [(pause.sec, pause.nanosec) for pause in (*one.pauses, one.patience)] == [
+    pictures = [(picture.first, bytes(picture.data), picture.last) for picture in msg.pictures]
+    assert pictures == [(1, data, 2), (3, data[::-1], 4)]
+    assert [(pause.sec, pause.nanosec) for pause in (*msg.pauses, msg.patience)] == [
         (1, 0),
         (2, 5_000_000),
         (7, 9_000_000),
     ]
-    one.pauses = []
-    assert len(one.pauses) == 0
+    msg.pauses = []
+    assert len(msg.pauses) == 0
 
 
-def test_a_count_that_the_plc_got_wrong_is_told(demo: ModuleType) -> None:
-    one = demo.Robot()
-    one._joints_count = 9
+def test_count_above_the_bound_raises(demo: ModuleType) -> None:
+    msg = demo.Robot()
+    msg._joints_count = 9
     with pytest.raises(runtime.CountExceeded, match="9 elements; the bound is 3"):
-        one.joints  # noqa: B018
+        msg.joints  # noqa: B018
 
 
 @pytest.mark.slow
 def test_generated_code_is_clean(tmp_path: Path) -> None:
-    """Under the tools' own defaults, as in a user's repository."""
+    """Use the defaults of ruff and strict mypy, as in a user's repository."""
     put({path: text for path, text in committed_texts().items() if path.startswith("python/")}, tmp_path)
     folder = tmp_path / "python"
     subprocess.run([sys.executable, "-m", "ruff", "check", "--isolated", "--no-cache", folder], check=True)
@@ -273,6 +273,6 @@ def test_generated_code_is_clean(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("payload", [1, 56, 1904, 1905, 100_000])
 @pytest.mark.parametrize("depth", [1, 2, 3, 4, 100])
-def test_runtime_and_layout_agree_on_the_size_of_a_region(payload: int, depth: int) -> None:
-    made = header.header_for("a/msg/B", 1, payload, depth)
-    assert made.size == layout.region_size(payload, made.slots)
+def test_runtime_and_layout_agree_on_region_size(payload: int, depth: int) -> None:
+    region_header = header.header_for("a/msg/B", 1, payload, depth)
+    assert region_header.size == layout.region_size(payload, region_header.slots)

@@ -1,4 +1,4 @@
-"""The reader of Structured Text that is written by hand takes that style, and nothing else in its place."""
+"""Test the reader of handwritten Structured Text, which accepts one style and rejects all others."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STRUCT = "// Two.\n{attribute 'pack_mode' := '8'}\nTYPE ST_A :\nSTRUCT\n    a : 
 LIST = "VAR_GLOBAL CONSTANT\n    A : UDINT := 1;\nEND_VAR\n"
 
 
-def test_what_it_reads() -> None:
+def test_reader_parses_handwritten_objects() -> None:
     block = read("FB_A", BLOCK)
     assert isinstance(block, Unit)
     assert [section.keyword for section in block.sections] == ["VAR_INPUT", "VAR"]
@@ -52,7 +52,7 @@ def test_what_it_reads() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "wrong", "instead"),
+    ("name", "text", "original", "replacement"),
     [
         ("FB_A", BLOCK, "FB_A", "FB_B"),
         ("FB_A", BLOCK, "xEnable : BOOL := TRUE;", "xEnable, xOther : BOOL;"),
@@ -74,12 +74,12 @@ def test_what_it_reads() -> None:
         ("GVL_A", LIST, "CONSTANT", "RETAIN"),
     ],
 )
-def test_what_it_refuses(name: str, text: str, wrong: str, instead: str) -> None:
-    assert text.count(wrong) == 1
+def test_reader_rejects_other_styles(name: str, text: str, original: str, replacement: str) -> None:
+    assert text.count(original) == 1
     with pytest.raises(NotInStyle):
-        read(name, text.replace(wrong, instead))
+        read(name, text.replace(original, replacement))
 
 
-def test_what_stands_in_the_templates_is_in_its_style() -> None:
+def test_reader_parses_all_templates() -> None:
     for file in (REPOSITORY / "templates" / "st").glob("*.st"):
         assert read(file.stem, file.read_text()).name == file.stem

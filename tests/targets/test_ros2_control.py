@@ -1,4 +1,4 @@
-"""The files that `-t ros2_control` writes fit together."""
+"""Check that the files of target ros2_control are consistent."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def test_each_command_interface_has_one_controller(fields: str, tmp_path: Path) 
     yaml.version = "1.1"  # ROS also reads an unquoted `on` as a bool
     parameters = {name: node["ros__parameters"] for name, node in yaml.load(texts["config/controllers.yaml"]).items()}
     types = {name: it["type"] for name, it in parameters.pop("controller_manager").items() if name != "update_rate"}
-    controlled = []
+    interfaces = []
     for it in parameters.values():
-        controlled += [f"{joint}/{it['interface_name']}" for joint in it.get("joints", ())]
-        controlled += [
+        interfaces += [f"{joint}/{it['interface_name']}" for joint in it.get("joints", ())]
+        interfaces += [
             f"{gpio}/{name}" for gpio in it.get("gpios", ()) for name in it["command_interfaces"][gpio]["interfaces"]
         ]
     urdf = etree.fromstring(texts["urdf/plc.ros2_control.xacro"].encode())
-    assert sorted(controlled) == sorted(
+    assert sorted(interfaces) == sorted(
         f"{component.get('name')}/{it.get('name')}" for component in urdf.iter("joint", "gpio") for it in component
     )
     assert {*types} == {*parameters, "joint_state_broadcaster"}

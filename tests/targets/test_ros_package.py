@@ -1,4 +1,4 @@
-"""The ROS packages that `-t ros1` and `-t ros2` write, read by catkin_pkg, roslaunch and setuptools themselves."""
+"""Test the ROS packages of targets ros1 and ros2 with catkin_pkg, roslaunch and setuptools."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..support.build import put
 from ..support.command import run
 
 SYSTEM_PYTHON = "/usr/bin/python3"
-"""Debian's, which has the ROS tools of Debian's packages."""
+"""Debian's Python, which has the ROS tools of Debian's packages."""
 PROJECT = {
     "shmgen.toml": """# What the cell talks about.
 ros_package = "cell_bridge"
@@ -48,7 +48,7 @@ server = "plc"
 }
 
 _USES = {"topic": ("Level",), "service": ("Twin", "Empty", "Ask", "Tell"), "action": ("Move",)}
-HARD = {
+RICH = {
     "pyproject.toml": """[project]
 name = "cell"
 version = "1"
@@ -76,7 +76,7 @@ messages = ["msgs [old]/cell_msgs/msg/Named.msg"]
     "msgs [old]/cell_msgs/srv/Tell.srv": "bool go\n---\n",
     "msgs [old]/cell_msgs/action/Move.action": "---\nint8 a\n---\nint8 a\n",
 }
-"""Settings in pyproject.toml, a folder that looks like TOML, a message by its file, parts that are empty or equal."""
+"""Settings in pyproject.toml, a folder that looks like TOML, a message given by its file, empty and equal parts."""
 IDL = {
     "msgs [old]/cell_msgs/msg/Level.idl": """module cell_msgs { module msg {
   struct Level { cell_msgs::msg::Named named; @unit (value="m") double value; };
@@ -88,7 +88,7 @@ IDL = {
 }; };
 """,
 }
-"""The same, in the place of two of them."""
+"""Equivalent .idl files that replace two of these files."""
 
 
 @pytest.fixture
@@ -99,20 +99,20 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def debian(module: str, code: str, *arguments: str, **environment: str) -> str:
-    """What Debian's Python prints; a skip where it lacks the module."""
+def debian_output(module: str, code: str, *arguments: str, **environment: str) -> str:
+    """Return the output of Debian's Python, or skip the test if the module is missing."""
     command = [SYSTEM_PYTHON, "-c", f"import {module}\n{code}", *arguments]
     if not Path(SYSTEM_PYTHON).exists() or subprocess.run([*command[:2], f"import {module}"], check=False).returncode:
         pytest.skip(f"{SYSTEM_PYTHON} has no {module}")
-    bare = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
-    done = subprocess.run(command, env={**bare, **environment}, capture_output=True, text=True, check=False)
+    environ = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    done = subprocess.run(command, env={**environ, **environment}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 @pytest.mark.parametrize(("ros", "kind", "code"), [("ros1", "catkin", "rospy"), ("ros2", "ament_python", "rclpy")])
-def test_catkin_pkg_takes_the_manifest(ros: str, kind: str, code: str, project: Path) -> None:
-    said = debian(
+def test_catkin_pkg_accepts_the_manifest(ros: str, kind: str, code: str, project: Path) -> None:
+    text = debian_output(
         "catkin_pkg.package, sys",
         "warnings = []\n"
         "package = catkin_pkg.package.parse_package(sys.argv[1], warnings=warnings)\n"
@@ -121,7 +121,7 @@ def test_catkin_pkg_takes_the_manifest(ros: str, kind: str, code: str, project: 
         "print(*[depend.name for depend in package.exec_depends])",
         str(project / "generated" / ros / "cell_bridge"),
     )
-    first, depends = said.splitlines()
+    first, depends = text.splitlines()
     assert first == f"cell_bridge 1.2.3 {kind}"
     assert {code, "cell_msgs", "geometry_msgs"} <= set(depends.split())
 
@@ -129,7 +129,7 @@ def test_catkin_pkg_takes_the_manifest(ros: str, kind: str, code: str, project: 
 @pytest.mark.slow
 def test_roslaunch_loads_the_launch_file(project: Path) -> None:
     folder = project / "generated" / "ros1" / "cell_bridge"
-    said = debian(
+    text = debian_output(
         "roslaunch.config, sys",
         "loaded = roslaunch.config.load_config_default([sys.argv[1]], None)\n"
         "for node in loaded.nodes: print(node.package, node.type, node.name, node.args)",
@@ -137,22 +137,22 @@ def test_roslaunch_loads_the_launch_file(project: Path) -> None:
         ROS_PACKAGE_PATH=str(folder.parent),
         ROS_HOME=str(project / "ros_home"),
     )
-    assert said.splitlines()[-1] == (f"cell_bridge bridge shmgen_bridge -c {folder}/config/shmgen.toml --backend ros1")
+    assert text.splitlines()[-1] == (f"cell_bridge bridge shmgen_bridge -c {folder}/config/shmgen.toml --backend ros1")
 
 
-def test_the_launch_file_of_ros_2_starts_what_setup_installs(project: Path) -> None:
+def test_ros2_launch_file_starts_the_installed_executable(project: Path) -> None:
     folder = project / "generated" / "ros2" / "cell_bridge"
     tree = ast.parse((folder / "launch" / "bridge.launch.py").read_text())
     (node,) = [it for it in ast.walk(tree) if isinstance(it, ast.Call) and getattr(it.func, "id", "") == "Node"]
-    said = {it.arg: it.value.value for it in node.keywords if isinstance(it.value, ast.Constant)}
-    started = {"package": "cell_bridge", "executable": "bridge", "name": "shmgen_bridge", "output": "screen"}
-    assert said == {**started, "respawn": True, "respawn_delay": 1.0}
+    arguments = {it.arg: it.value.value for it in node.keywords if isinstance(it.value, ast.Constant)}
+    expected = {"package": "cell_bridge", "executable": "bridge", "name": "shmgen_bridge", "output": "screen"}
+    assert arguments == {**expected, "respawn": True, "respawn_delay": 1.0}
     assert '"bridge = " + NAME + ":main"' in (folder / "setup.py").read_text()
     assert (folder / "config" / "bridge.yaml").read_text().splitlines()[1] == "shmgen_bridge:"
 
 
 @pytest.mark.slow
-def test_setup_installs_it_and_the_bridge_starts_from_there(project: Path) -> None:
+def test_installed_package_starts_the_bridge(project: Path) -> None:
     import_or_skip("setuptools")
     folder, target = project / "generated" / "ros2" / "cell_bridge", project / "install"
     command = [sys.executable, "setup.py", "-q", "install", f"--prefix={target}", f"--record={project}/record"]
@@ -191,17 +191,17 @@ def test_setup_installs_it_and_the_bridge_starts_from_there(project: Path) -> No
 
 
 @pytest.mark.parametrize("ros", ["ros1", "ros2"])
-def test_the_configuration_in_the_package_gives_the_same_bytes(ros: str, project: Path, tmp_path: Path) -> None:
+def test_configuration_in_the_package_gives_equal_layouts(ros: str, project: Path, tmp_path: Path) -> None:
     config = project / "generated" / ros / "cell_bridge" / "config" / "shmgen.toml"
     for message in ("cell_msgs/State", "geometry_msgs/Pose", "cell_msgs/Start_Reply"):
-        here, there = run(["show", message], project), run(["show", message, "-c", str(config)], tmp_path)
-        assert (here.code, there.code) == (0, 0), here.stderr + there.stderr
-        assert here.stdout.splitlines()[0] == there.stdout.splitlines()[0]
+        local, packaged = run(["show", message], project), run(["show", message, "-c", str(config)], tmp_path)
+        assert (local.code, packaged.code) == (0, 0), local.stderr + packaged.stderr
+        assert local.stdout.splitlines()[0] == packaged.stdout.splitlines()[0]
 
 
 @pytest.mark.parametrize("idl", [False, pytest.param(True, marks=needs_rosidl)], ids=["msg", "idl"])
-def test_nothing_of_a_project_is_lost_on_the_way(idl: bool, tmp_path: Path) -> None:
-    files = {path: text for path, text in HARD.items() if not idl or str(Path(path).with_suffix(".idl")) not in IDL}
+def test_package_contains_all_of_a_complex_project(idl: bool, tmp_path: Path) -> None:
+    files = {path: text for path, text in RICH.items() if not idl or str(Path(path).with_suffix(".idl")) not in IDL}
     put({**files, **(IDL if idl else {})}, tmp_path)
     result = run(["generate", "-q", "-t", "ros1", "-t", "ros2"], tmp_path)
     assert result.code == 0, result.stderr
@@ -219,18 +219,18 @@ def test_nothing_of_a_project_is_lost_on_the_way(idl: bool, tmp_path: Path) -> N
             "Move_Outcome",
         ):
             words = ["show", "--json", f"cell_msgs/{name}"]
-            here, there = run(words, tmp_path), run([*words, "-c", str(config / "shmgen.toml")], tmp_path)
-            assert there.code == 0, there.stderr
-            ours, copied = (json.loads(it.stdout) for it in (here, there))
-            assert [{**entry, "origin": ""} for entry in ours] == [{**entry, "origin": ""} for entry in copied]
+            local, packaged = run(words, tmp_path), run([*words, "-c", str(config / "shmgen.toml")], tmp_path)
+            assert packaged.code == 0, packaged.stderr
+            expected, entries = (json.loads(it.stdout) for it in (local, packaged))
+            assert [{**entry, "origin": ""} for entry in expected] == [{**entry, "origin": ""} for entry in entries]
 
 
-def test_they_are_written_only_where_they_are_asked_for(project: Path) -> None:
+def test_ros_packages_are_written_only_on_request(project: Path) -> None:
     assert run(["check", "-t", "ros1", "-t", "ros2"], project).code == 0
     assert run(["generate", "-q"], project).code == 0
     assert not (project / "generated" / "ros2" / "cell_bridge" / "package.xml").exists()
 
 
-def test_the_name_comes_from_the_package_of_the_classes() -> None:
+def test_default_name_derives_from_the_python_package() -> None:
     assert default_name("shm_msgs") == "shm_msgs_bridge"
     assert default_name("Shm__Cell_") == "shm_cell_bridge"

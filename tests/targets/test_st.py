@@ -73,18 +73,18 @@ def parse(text: str) -> list[Any]:
 
 
 def members(text: str) -> list[tuple[str, str]]:
-    """Names and spelled types of a structure or a list, as blark reads them."""
-    (found,) = parse(text)
-    declared = found.declaration.declarations if hasattr(found, "declaration") else found.items
+    """Return the names and types of a structure or variable list, parsed by blark."""
+    (parsed_object,) = parse(text)
+    items = parsed_object.declaration.declarations if hasattr(parsed_object, "declaration") else parsed_object.items
     pairs = []
-    for item in declared:
+    for item in items:
         names = item.variables if hasattr(item, "variables") else item.spec.variables
         pairs += [(str(getattr(name, "variable", name)), str(item.init)) for name in names]
     return pairs
 
 
 def size_of(type_: str, structures: Mapping[str, list[tuple[str, str]]]) -> int:
-    """Bytes of a packed type, by the rules of CODESYS and nothing of ours."""
+    """Calculate the bytes of a packed type by the rules of CODESYS, without shmgen's own code."""
     type_ = type_.partition(" :=")[0]
     if array := re.fullmatch(r"ARRAY *\[0\.\.(\d+)\] OF (.+)", type_):
         return (int(array[1]) + 1) * size_of(array[2], structures)
@@ -105,8 +105,8 @@ def texts(demo: Layouts) -> dict[str, str]:
     return texts_of(demo)
 
 
-class Parsed(dict[str, list[Any]]):
-    """Files as blark reads them, each when it is first asked for: all take longer than most other tests."""
+class ParsedFiles(dict[str, list[Any]]):
+    """Files that blark parses at the first access, because parsing all files takes longer than most tests."""
 
     def __init__(self, texts: Mapping[str, str]) -> None:
         super().__init__()
@@ -118,20 +118,20 @@ class Parsed(dict[str, list[Any]]):
 
 
 @pytest.fixture(scope="module")
-def parsed(texts: dict[str, str]) -> Parsed:
-    return Parsed(texts)
+def parsed_files(texts: dict[str, str]) -> ParsedFiles:
+    return ParsedFiles(texts)
 
 
 def structures_of(texts: Mapping[str, str]) -> dict[str, list[tuple[str, str]]]:
     return {Path(path).stem: members(text) for path, text in texts.items() if Path(path).name.startswith("ST_")}
 
 
-# --- what is written ----------------------------------------------------------------------------------
+# --- the files ----------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-def test_a_file_holds_the_object_of_its_name(parsed: Parsed) -> None:
-    for path, items in ((path, parsed[path]) for path in parsed.texts):
+def test_file_contains_the_object_of_its_name(parsed_files: ParsedFiles) -> None:
+    for path, items in ((path, parsed_files[path]) for path in parsed_files.texts):
         stem = Path(path).stem
         first, *methods = items
         match stem.partition("_")[0]:
@@ -146,7 +146,7 @@ def test_a_file_holds_the_object_of_its_name(parsed: Parsed) -> None:
         assert not methods, path
 
 
-def test_blocks_only_for_messages_the_user_named(tmp_path: Path) -> None:
+def test_only_requested_messages_have_blocks(tmp_path: Path) -> None:
     lay_out(tmp_path, MESSAGES)
     sources = definitions.Sources((tmp_path,), "jazzy", tmp_path)
     schema = definitions.load(["demo_msgs/Tagged"], sources, Report())
@@ -161,7 +161,7 @@ def test_blocks_only_for_messages_the_user_named(tmp_path: Path) -> None:
     ]
 
 
-def test_a_structure_as_a_user_reads_it(texts: dict[str, str], demo: Layouts) -> None:
+def test_text_of_a_structure(texts: dict[str, str], demo: Layouts) -> None:
     digest = demo[DEMO["Tagged"]].digest
     assert texts["st/demo_msgs/ST_demo_msgs_Tagged.st"] == (
         f"// demo_msgs/msg/Tagged: 40 bytes, layout digest 16#{digest:016X}\n"
@@ -179,7 +179,7 @@ def test_a_structure_as_a_user_reads_it(texts: dict[str, str], demo: Layouts) ->
     )
 
 
-def test_constants_as_a_user_reads_them(texts: dict[str, str], demo: Layouts) -> None:
+def test_text_of_constants(texts: dict[str, str], demo: Layouts) -> None:
     digest = demo[DEMO["Tagged"]].digest
     assert texts["st/demo_msgs/GVL_demo_msgs_Tagged.st"] == (
         "// GVL_demo_msgs_Tagged: constants of demo_msgs/msg/Tagged\n"
@@ -199,7 +199,7 @@ def test_constants_as_a_user_reads_them(texts: dict[str, str], demo: Layouts) ->
     )
 
 
-def test_a_message_without_constants_leaves_no_gap(texts: dict[str, str]) -> None:
+def test_no_empty_line_without_constants(texts: dict[str, str]) -> None:
     assert "\n\n" not in texts["st/demo_msgs/GVL_demo_msgs_Empty.st"]
 
 
@@ -208,21 +208,21 @@ def test_a_message_without_constants_leaves_no_gap(texts: dict[str, str]) -> Non
 
 @pytest.mark.parametrize("options", [TypeOptions(), TypeOptions("BOOL", "LTIME"), TypeOptions("BOOL", "struct")])
 @pytest.mark.family("[options0]")
-def test_what_blark_reads_lies_where_the_layout_says(tmp_path: Path, options: TypeOptions) -> None:
+def test_offsets_and_sizes_match_the_layout(tmp_path: Path, options: TypeOptions) -> None:
     layouts = lay_out(tmp_path, MESSAGES, options)
     structures = structures_of({path: text for path, text in texts_of(layouts).items() if "/ST_" in path})
     for name, laid_out in layouts.items():
-        found = structures[f"ST_{name.package}_{name.name}"]
-        sizes = [size_of(type_, structures) for _, type_ in found]
+        fields = structures[f"ST_{name.package}_{name.name}"]
+        sizes = [size_of(type_, structures) for _, type_ in fields]
         offsets = [0, *itertools.accumulate(sizes)]
-        assert [slot.name for slot in laid_out.slots] == [member.removesuffix("_") for member, _ in found]
+        assert [slot.name for slot in laid_out.slots] == [member.removesuffix("_") for member, _ in fields]
         assert [(slot.offset, slot.size) for slot in laid_out.slots] == list(zip(offsets, sizes, strict=False))
         assert offsets[-1] == laid_out.size
 
 
-def test_types_are_spelled_as_in_the_table(texts: dict[str, str]) -> None:
-    found = dict(members(texts["st/demo_msgs/ST_demo_msgs_Everything.st"]))
-    assert {name: type_ for name, type_ in found.items() if "_pad" not in name} == {
+def test_structured_text_types_of_fields(texts: dict[str, str]) -> None:
+    fields = dict(members(texts["st/demo_msgs/ST_demo_msgs_Everything.st"]))
+    assert {name: type_ for name, type_ in fields.items() if "_pad" not in name} == {
         "flag": "USINT", "a": "SINT", "b": "INT", "c": "UINT", "d": "DINT", "e": "UDINT", "f": "LINT", "g": "ULINT",
         "h": "REAL", "i": "LREAL", "text": "STRING(80)", "wide": "WSTRING(5)", "names": "ARRAY [0..2] OF STRING(7)",
         "corners": "ARRAY [0..1] OF ST_demo_msgs_Point", "tags_count": "UDINT",
@@ -231,7 +231,7 @@ def test_types_are_spelled_as_in_the_table(texts: dict[str, str]) -> None:
     }  # fmt: skip
 
 
-def test_every_structure_is_packed_and_every_constant_qualified(texts: dict[str, str]) -> None:
+def test_structures_are_packed_and_constants_qualified(texts: dict[str, str]) -> None:
     for path, text in texts.items():
         lines = text.splitlines()
         if "/demo_msgs/ST_" in path:
@@ -270,11 +270,11 @@ def test_reserved_words_get_an_underscore(texts: dict[str, str]) -> None:
         ({"shmgen/Time": "uint8 x\n"}, ["SHM204"]),
     ],
 )
-def test_clashes(tmp_path: Path, messages: dict[str, str], codes: list[str]) -> None:
+def test_clashing_names_are_reported(tmp_path: Path, messages: dict[str, str], codes: list[str]) -> None:
     assert codes_of(lay_out(tmp_path, messages, source="noetic")) == codes
 
 
-def test_a_default_must_fit_its_string(tmp_path: Path) -> None:
+def test_default_longer_than_its_string_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(Rejected) as rejected:
         lay_out(tmp_path, {"A": 'wstring w "\u00e4\U0001f600"\nstring s "\u20ac"\n'}, TypeOptions(encoding="latin-1"))
     assert [diagnostic.code for diagnostic in rejected.value.diagnostics] == ["SHM005"]
@@ -310,10 +310,10 @@ def test_comments_stay_comments(tmp_path: Path, hostile: str) -> None:
         assert [name for name, _ in members(text)] == (
             ["x", "y"] if stem.startswith("ST") else ["SHM_TYPE_NAME", "SHM_SIZE", "SHM_DIGEST", "C"]
         )
-        bare = re.sub(r"//.*", "", text)
-        assert text.count("//") > bare.count("//") == 0
-        assert "open" not in bare
-        assert bare.count("END_STRUCT") == stem.startswith("ST")
+        code = re.sub(r"//.*", "", text)
+        assert text.count("//") > code.count("//") == 0
+        assert "open" not in code
+        assert code.count("END_STRUCT") == stem.startswith("ST")
 
 
 @pytest.mark.parametrize(
@@ -330,11 +330,11 @@ def test_comments_stay_comments(tmp_path: Path, hostile: str) -> None:
         ("a\u0338b", "a<U+0338>b"),
     ],
 )
-def test_ascii(text: str, ascii: str) -> None:
+def test_text_is_converted_to_ascii(text: str, ascii: str) -> None:
     assert ascii_text(text) == ascii
 
 
-def test_a_long_line_is_folded_and_short_ones_stay() -> None:
+def test_only_long_comment_lines_are_folded() -> None:
     lines = comment_lines("word " * 40 + "\n\n  indented\n" + "x" * 150)
     assert lines[2:] == ["//", "//   indented", "// " + "x" * 150]
     assert max(map(len, lines[:2])) <= 103
@@ -363,7 +363,7 @@ def test_literals(value: Any, type_: Scalar | String, text: str | None) -> None:
     assert literal(value, type_, TypeOptions()) == text
 
 
-def test_a_bool_is_spelled_as_its_type() -> None:
+def test_bool_literal_follows_the_configured_type() -> None:
     assert [literal(value, Scalar.BOOL, TypeOptions("BOOL")) for value in (True, False)] == ["TRUE", "FALSE"]
 
 
@@ -371,18 +371,18 @@ def test_a_bool_is_spelled_as_its_type() -> None:
 
 
 def interface(block: Any) -> dict[str, dict[str, str]]:
-    """Section -> name -> type."""
-    found: dict[str, dict[str, str]] = {}
+    """Return {section: {name: type}} of a block."""
+    sections: dict[str, dict[str, str]] = {}
     for section in block.declarations:
-        names = found.setdefault(type(section).__name__, {})
+        names = sections.setdefault(type(section).__name__, {})
         for item in section.items:
             names |= {str(getattr(name, "variable", name)): str(item.init) for name in item.variables}
-    return found
+    return sections
 
 
-def test_the_pair_has_the_interface_that_is_documented(parsed: Parsed) -> None:
-    publisher = interface(parsed["st/demo_msgs/FB_demo_msgs_Point_Publisher.st"][0])
-    subscriber = interface(parsed["st/demo_msgs/FB_demo_msgs_Point_Subscriber.st"][0])
+def test_interface_of_publisher_and_subscriber(parsed_files: ParsedFiles) -> None:
+    publisher = interface(parsed_files["st/demo_msgs/FB_demo_msgs_Point_Publisher.st"][0])
+    subscriber = interface(parsed_files["st/demo_msgs/FB_demo_msgs_Point_Subscriber.st"][0])
     assert publisher["InputDeclarations"] == {
         "xEnable": "BOOL",
         "sTopic": "STRING(80)",
@@ -402,16 +402,16 @@ def test_the_pair_has_the_interface_that_is_documented(parsed: Parsed) -> None:
 
 
 @pytest.mark.slow
-def test_no_pointer_crosses_an_interface(parsed: Parsed) -> None:
-    for path, (block, *_) in ((path, parsed[path]) for path in parsed.texts):
+def test_no_pointer_in_inputs_and_outputs(parsed_files: ParsedFiles) -> None:
+    for path, (block, *_) in ((path, parsed_files[path]) for path in parsed_files.texts):
         if "/FB_demo" in path:
-            sides = interface(block)
+            sections = interface(block)
             for section in ("InputDeclarations", "OutputDeclarations"):
-                assert not [type_ for type_ in sides[section].values() if "POINTER" in type_ or "REFERENCE" in type_]
+                assert not [type_ for type_ in sections[section].values() if "POINTER" in type_ or "REFERENCE" in type_]
 
 
-def test_what_begins_ends_in_the_same_call(texts: dict[str, str]) -> None:
-    """No RETURN anywhere, so nothing leaves between the lock and its release."""
+def test_block_releases_locks_in_the_same_call(texts: dict[str, str]) -> None:
+    """Reject RETURN, because it could leave a block between the lock and its release."""
     for path, text in texts.items():
         code = re.sub(r"//.*", "", text)
         assert "RETURN" not in code
@@ -419,16 +419,16 @@ def test_what_begins_ends_in_the_same_call(texts: dict[str, str]) -> None:
             assert len(re.findall(rf"\.Begin{side}\(", code)) == len(re.findall(rf"\.End{side}\(", code)), path
 
 
-def test_every_error_is_used_and_declared(texts: dict[str, str]) -> None:
-    declared = {name for name, _ in re.findall(r"^    (\w+) +:= (\d+)", texts["st/shmgen/E_ShmError.st"], re.MULTILINE)}
+def test_all_declared_errors_are_used(texts: dict[str, str]) -> None:
+    errors = {name for name, _ in re.findall(r"^    (\w+) +:= (\d+)", texts["st/shmgen/E_ShmError.st"], re.MULTILINE)}
     templates = "".join(path.read_text() for path in (REPOSITORY / "templates" / "st").iterdir())
-    assert set(re.findall(r"E_ShmError\.(\w+)", templates)) == declared
+    assert set(re.findall(r"E_ShmError\.(\w+)", templates)) == errors
 
 
 # --- every file ---------------------------------------------------------------------------------------
 
 
-def test_text_is_plain(texts: dict[str, str]) -> None:
+def test_files_are_ascii_without_trailing_blanks(texts: dict[str, str]) -> None:
     for path, text in texts.items():
         assert text.isascii(), path
         assert text.endswith("\n"), path
@@ -436,11 +436,11 @@ def test_text_is_plain(texts: dict[str, str]) -> None:
         assert not re.search(r"[\t\r]|[ ]$", text, re.MULTILINE), path
 
 
-def test_two_runs_give_the_same_bytes(texts: dict[str, str], tmp_path: Path) -> None:
+def test_output_is_reproducible(texts: dict[str, str], tmp_path: Path) -> None:
     assert texts_of(lay_out(tmp_path, MESSAGES)) == texts
 
 
-def test_the_time_structure_comes_only_when_it_is_needed(tmp_path: Path, texts: dict[str, str]) -> None:
+def test_time_structure_is_generated_only_on_request(tmp_path: Path, texts: dict[str, str]) -> None:
     path = "st/shmgen/ST_shmgen_Time.st"
     assert path not in texts
     text = texts_of(lay_out(tmp_path, MESSAGES, TypeOptions(time="struct")))[path]
@@ -452,22 +452,24 @@ def digests(layouts: Iterable[Layout]) -> set[str]:
     return {f"16#{laid_out.digest:016X}" for laid_out in layouts}
 
 
-def test_the_digest_is_that_of_the_layout(texts: dict[str, str], demo: Layouts) -> None:
-    found = {found for path, text in texts.items() if "/GVL_" in path for found in re.findall(r"LWORD := (\S+);", text)}
-    assert found == digests(demo.values())
+def test_digests_match_the_layouts(texts: dict[str, str], demo: Layouts) -> None:
+    literals = {
+        word for path, text in texts.items() if "/GVL_" in path for word in re.findall(r"LWORD := (\S+);", text)
+    }
+    assert literals == digests(demo.values())
 
 
 @pytest.mark.slow
-def test_the_pair_can_be_used_from_ladder_diagrams(parsed: Parsed, texts: dict[str, str]) -> None:
-    """LD, FBD and CFC have no word for an address, and a VAR_IN_OUT cannot be left open."""
+def test_blocks_are_usable_from_ladder_diagrams(parsed_files: ParsedFiles, texts: dict[str, str]) -> None:
+    """Use only types without pointers and no VAR_IN_OUT, because LD, FBD and CFC have no addresses."""
     plain = re.compile(r"(ARRAY \[0\.\.\d+\] OF )?([A-Z]+(\(\d+\))?|ST_\w+|E_ShmError)( := .+)?")
-    for path, (block, *_) in ((path, parsed[path]) for path in texts if "/FB_demo_msgs" in path):
+    for path, (block, *_) in ((path, parsed_files[path]) for path in texts if "/FB_demo_msgs" in path):
         assert not block.extends
         assert not block.implements
-        found = interface(block)
-        assert list(found)[:2] == ["InputDeclarations", "OutputDeclarations"], path
-        assert set(found) <= {"InputDeclarations", "OutputDeclarations", "VariableDeclarations"}, path
-        for name, type_ in (found["InputDeclarations"] | found["OutputDeclarations"]).items():
+        sections = interface(block)
+        assert list(sections)[:2] == ["InputDeclarations", "OutputDeclarations"], path
+        assert set(sections) <= {"InputDeclarations", "OutputDeclarations", "VariableDeclarations"}, path
+        for name, type_ in (sections["InputDeclarations"] | sections["OutputDeclarations"]).items():
             assert plain.fullmatch(type_), f"{path}: {name} : {type_}"
     for name, structure in structures_of({path: text for path, text in texts.items() if "/demo_msgs/" in path}).items():
         assert all(plain.fullmatch(type_) for _, type_ in structure), name
@@ -476,16 +478,16 @@ def test_the_pair_can_be_used_from_ladder_diagrams(parsed: Parsed, texts: dict[s
 # --- docs ---------------------------------------------------------------------------------------------
 
 
-def test_every_error_is_explained_and_no_other(texts: dict[str, str]) -> None:
+def test_page_explains_exactly_the_declared_errors(texts: dict[str, str]) -> None:
     page = (REPOSITORY / "docs" / "codesys.md").read_text()
     section = page.partition("## eErrorID")[2].partition("\n## ")[0]
-    explained = re.findall(r"^\| `([A-Z_]+)` \| \S.+ \|$", section, re.MULTILINE)
+    documented = re.findall(r"^\| `([A-Z_]+)` \| \S.+ \|$", section, re.MULTILINE)
     (enum,) = parse(texts["st/shmgen/E_ShmError.st"])
-    assert explained == [str(value.name) for value in enum.declaration.init.spec.values]
+    assert documented == [str(value.name) for value in enum.declaration.init.spec.values]
 
 
 @pytest.mark.slow
-def test_every_input_and_output_is_explained(parsed: Parsed) -> None:
+def test_page_explains_all_inputs_and_outputs(parsed_files: ParsedFiles) -> None:
     page = (
         (REPOSITORY / "docs" / "structured-text.md")
         .read_text()
@@ -493,8 +495,8 @@ def test_every_input_and_output_is_explained(parsed: Parsed) -> None:
         .partition("\n## ")[0]
     )
     for role, table in zip(("Subscriber", "Publisher"), page.split("| Publisher |"), strict=True):
-        found = interface(parsed[f"st/demo_msgs/FB_demo_msgs_Everything_{role}.st"][0])
+        sections = interface(parsed_files[f"st/demo_msgs/FB_demo_msgs_Everything_{role}.st"][0])
         for section, word in (("InputDeclarations", "in"), ("OutputDeclarations", "out")):
             rows = re.findall(rf"^\| {word} \| (.+?) \|", table, re.MULTILINE)
-            named = [name for row in rows for name in re.findall(r"`(\w+)", row)]
-            assert sorted(named) == sorted(found[section]), f"{role} {word}"
+            names = [name for row in rows for name in re.findall(r"`(\w+)", row)]
+            assert sorted(names) == sorted(sections[section]), f"{role} {word}"

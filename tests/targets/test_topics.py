@@ -34,7 +34,7 @@ def generate(folder: Path, text: str, *messages: str) -> dict[str, str]:
     return pipeline.generate(config.load(folder / "shmgen.toml", "shmgen.toml", Report()), messages)
 
 
-def refusal(folder: Path, text: str) -> list[Diagnostic]:
+def rejected_diagnostics(folder: Path, text: str) -> list[Diagnostic]:
     with pytest.raises(Rejected) as rejected:
         generate(folder, text)
     return list(rejected.value.diagnostics)
@@ -49,8 +49,8 @@ def service(name: str) -> str:
 
 
 def parse(text: str) -> Any:
-    (found,) = blark.parse_source_code(text).transform().items
-    return found
+    (item,) = blark.parse_source_code(text).transform().items
+    return item
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return generate(tmp_path_factory.mktemp("topics"), POSE_AND_STATE)
 
 
-def test_as_a_user_reads_it(texts: dict[str, str]) -> None:
+def test_text_of_the_generated_program(texts: dict[str, str]) -> None:
     assert texts["st/GVL_Ros.st"] == (
         "// A block for each topic, service and action of shmgen.toml. PRG_Ros calls them; programs of your own\n"
         "// read and write the inputs and outputs of the blocks.\n"
@@ -87,14 +87,14 @@ def test_as_a_user_reads_it(texts: dict[str, str]) -> None:
     )
 
 
-def test_blark_reads_it_and_every_block_is_there_and_called_once(texts: dict[str, str]) -> None:
+def test_program_calls_each_declared_block_once(texts: dict[str, str]) -> None:
     items = parse(texts["st/GVL_Ros.st"]).items
-    declared = {str(name): str(item.init) for item in items for name in item.spec.variables}
+    blocks = {str(name): str(item.init) for item in items for name in item.spec.variables}
     program = parse(texts["st/PRG_Ros.st"])
     assert str(program.name) == "PRG_Ros"
-    called = [str(statement) for statement in program.body.statements]
-    assert [call.partition("(")[0] for call in called] == [f"GVL_Ros.{name}" for name in declared]
-    for block in declared.values():
+    calls = [str(statement) for statement in program.body.statements]
+    assert [call.partition("(")[0] for call in calls] == [f"GVL_Ros.{name}" for name in blocks]
+    for block in blocks.values():
         assert any(path.endswith(f"/{block}.st") for path in texts), block
 
 
@@ -121,7 +121,7 @@ type = "cell_msgs/Move"
 """
 
 
-def test_services_and_actions_as_a_user_reads_them(tmp_path: Path) -> None:
+def test_text_for_services_and_actions(tmp_path: Path) -> None:
     for kind, name, text in (("srv", "Start", "---\nbool on\n"), ("action", "Move", "bool on\n---\n---\n")):
         file = tmp_path / "cell_msgs" / kind / f"{name}.{kind}"
         file.parent.mkdir(parents=True)
@@ -146,32 +146,32 @@ def test_services_and_actions_as_a_user_reads_them(tmp_path: Path) -> None:
         "FB_cell_msgs_Start_Server",
         "FB_cell_msgs_Move_ActionClient",
         "FB_cell_msgs_Move_ActionServer",
-    }, "what travels in a call needs no publisher and no subscriber of its own"
+    }, "messages of a call need no publishers and subscribers"
 
 
-def test_without_services_their_common_blocks_are_not_there(texts: dict[str, str]) -> None:
+def test_common_blocks_of_services_are_omitted_without_services(texts: dict[str, str]) -> None:
     assert not any("FB_ShmClient" in path or "FB_ShmServer" in path for path in texts)
 
 
-def test_the_task_calls_the_program(texts: dict[str, str]) -> None:
+def test_task_calls_the_program(texts: dict[str, str]) -> None:
     xml = texts["plcopen/shmgen.xml"]
     assert re.findall(r"<task [^>]*>", xml) == ['<task name="RosTask" interval="PT0.004S" priority="10">']
     assert re.findall(r'<pouInstance name="(\w+)"', xml) == ["PRG_Ros"]
     assert 'INTERVAL = "t#4ms"' in texts["plcopen/import_shmgen.py"]
 
 
-def test_without_topics_there_is_none_of_it(tmp_path: Path) -> None:
+def test_no_program_without_topics(tmp_path: Path) -> None:
     texts = generate(tmp_path, "", "std_msgs/Bool")
     assert not any("Ros" in text for path, text in texts.items() if path.startswith(("st/", "plcopen/")))
 
 
-def test_plcopen_alone_holds_the_code_without_its_files(tmp_path: Path, texts: dict[str, str]) -> None:
+def test_plcopen_alone_contains_the_code(tmp_path: Path, texts: dict[str, str]) -> None:
     alone = generate(tmp_path, 'targets = ["plcopen"]\n' + POSE_AND_STATE)
     assert sorted(alone) == ["layout.lock", "plcopen/import_shmgen.py", "plcopen/shmgen.xml"]
     assert alone["plcopen/shmgen.xml"] == texts["plcopen/shmgen.xml"]
 
 
-def test_types_of_topics_come_along(tmp_path: Path) -> None:
+def test_types_of_topics_are_generated(tmp_path: Path) -> None:
     texts = generate(tmp_path, topic("/a"), "std_msgs/Int8")
     assert {"st/std_msgs/FB_std_msgs_Bool_Subscriber.st", "st/std_msgs/FB_std_msgs_Int8_Subscriber.st"} <= set(texts)
 
@@ -180,7 +180,7 @@ def test_types_of_topics_come_along(tmp_path: Path) -> None:
     ("name", "identifier"),
     [("/robot/pose", "robot_pose"), ("step", "step_"), ("/a__b/c_", "a_b_c_"), ("/_x", "_x"), ("/TYPE", "TYPE_")],
 )
-def test_identifiers(tmp_path: Path, name: str, identifier: str) -> None:
+def test_identifiers_of_topics(tmp_path: Path, name: str, identifier: str) -> None:
     texts = generate(tmp_path, topic(name))
     assert f"    {identifier} : FB_std_msgs_Bool_Subscriber;" in texts["st/GVL_Ros.st"]
     assert f"sTopic := '{name}'" in texts["st/PRG_Ros.st"]
@@ -207,12 +207,12 @@ def test_identifiers(tmp_path: Path, name: str, identifier: str) -> None:
         ("task_interval = 0\n" + topic("/a"), "SHM502", 1, "task_interval must be a whole number"),
     ],
 )
-def test_refusals(tmp_path: Path, text: str, code: str, line: int, words: str) -> None:
+def test_invalid_topics_and_services_are_rejected(tmp_path: Path, text: str, code: str, line: int, words: str) -> None:
     (tmp_path / "std_srvs" / "srv").mkdir(parents=True)
     (tmp_path / "std_srvs" / "srv" / "SetBool.srv").write_text("bool data\n---\nbool success\n")
-    (found,) = refusal(tmp_path, 'path = ["."]\n' + text if "srv" in text else text)
-    assert (found.code, found.span.line - ("srv" in text)) == (code, line), str(found)
-    assert words in found.message
+    (diagnostic,) = rejected_diagnostics(tmp_path, 'path = ["."]\n' + text if "srv" in text else text)
+    assert (diagnostic.code, diagnostic.span.line - ("srv" in text)) == (code, line), str(diagnostic)
+    assert words in diagnostic.message
 
 
 @pytest.mark.parametrize(
@@ -224,10 +224,10 @@ def test_refusals(tmp_path: Path, text: str, code: str, line: int, words: str) -
         ("[[services]]\nservice = '/a'\ntype = 'cell_msgs/Go'", 3, "unknown message type `cell_msgs/Go`"),
     ],
 )
-def test_a_type_that_is_none(tmp_path: Path, text: str, line: int, words: str) -> None:
+def test_wrong_kind_of_type_is_rejected(tmp_path: Path, text: str, line: int, words: str) -> None:
     for path, definition in {"srv/Start.srv": "---\n", "action/Move.action": "---\n---\n"}.items():
         (tmp_path / "cell_msgs" / path).parent.mkdir(parents=True)
         (tmp_path / "cell_msgs" / path).write_text(definition)
-    (found,) = refusal(tmp_path, 'path = ["."]\n' + text)
-    assert words in found.message
-    assert found.span.line in (line + 1, 0), str(found)
+    (diagnostic,) = rejected_diagnostics(tmp_path, 'path = ["."]\n' + text)
+    assert words in diagnostic.message
+    assert diagnostic.span.line in (line + 1, 0), str(diagnostic)
