@@ -1,4 +1,4 @@
-"""The scripts in benchmarks/ run to their end, with as little to measure as they take, so that none breaks unseen."""
+"""The scripts in benchmarks/ run to their end, with the smallest measurements that they accept."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ main()
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", sorted(SCRIPTS))
-def test_a_benchmark_runs(name: str) -> None:
+def test_benchmark_runs_to_its_end(name: str) -> None:
     command = [sys.executable, "-c", RUN, str(SCRIPTS[name]), *ARGUMENTS.get(name, [])]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
-            said, _ = process.communicate(timeout=500)
+            output, _ = process.communicate(timeout=500)
         finally:
             process.kill()
-    assert process.returncode == 0, said
-    assert re.search(r"\d", said), said
+    assert process.returncode == 0, output
+    assert re.search(r"\d", output), output
     assert not list(Path("/dev/shm").glob(f"*benchmark_{process.pid}*"))
 
 
-def test_the_page_shows_a_whole_output_or_one_paragraph() -> None:
+def test_page_shows_the_output_or_one_paragraph() -> None:
     with_tables = runpy.run_path(str(REPOSITORY / "benchmarks" / "run.py"))["with_tables"]
     page = "<!-- bench: a -->\nold\n<!-- end -->\n<!-- bench: b 56 bytes -->\nold\n<!-- end -->\n"
-    made = with_tables(page, {"a": "one\n\ntwo", "b": "first\n\n56 bytes at\n  7\n\n320 bytes"})
-    assert made == (
+    updated = with_tables(page, {"a": "one\n\ntwo", "b": "first\n\n56 bytes at\n  7\n\n320 bytes"})
+    assert updated == (
         "<!-- bench: a -->\n```\none\n\ntwo\n```\n<!-- end -->\n"
         "<!-- bench: b 56 bytes -->\n```\n56 bytes at\n  7\n```\n<!-- end -->\n"
     )

@@ -1,4 +1,4 @@
-"""Generation as a step of a build: the CMake function, and the generated Python as a package of its own."""
+"""A build with CMake generates the files, and the generated Python can be a package."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ int main(void) { printf("%zu\\n", sizeof(shm_demo_msgs_Robot)); return 0; }
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
 @pytest.mark.parametrize("generator", ["Unix Makefiles", "Ninja"])
-def test_cmake_generates_when_a_definition_changes(tmp_path: Path, generator: str) -> None:
-    """From an installed interface package, as it lies below share/, one beside CMakeLists.txt, one far from both."""
+def test_cmake_regenerates_after_a_change(tmp_path: Path, generator: str) -> None:
+    """Change an installed interface package below share/, one beside CMakeLists.txt, and one elsewhere."""
     if generator == "Ninja" and shutil.which("ninja") is None:
         pytest.skip("no ninja: apt-get install ninja-build")
     source, build, far = tmp_path / "source", tmp_path / "build", tmp_path / "far away"
@@ -91,7 +91,7 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path, generator: st
     assert "shmgen generate robot_messages" in cmake("--build", build)
     before = size()
     assert "shmgen generate" not in cmake("--build", build)
-    time.sleep(1.1)  # the clock of make may count in seconds
+    time.sleep(1.1)  # make may compare times in whole seconds
     write(source, {"interfaces/share/demo_msgs/msg/Arm.msg": ARM + "float64 last\n"})
     assert "shmgen generate robot_messages" in cmake("--build", build)
     assert size() > before
@@ -121,7 +121,7 @@ def test_cmake_generates_when_a_definition_changes(tmp_path: Path, generator: st
     assert not (source / "generated").exists()
 
 
-def test_generated_python_is_a_package_of_its_own(tmp_path: Path) -> None:
+def test_generated_python_is_built_as_a_wheel(tmp_path: Path) -> None:
     import_or_skip("hatchling")
     write(tmp_path, {"shmgen.toml": 'messages = ["std_msgs/Bool"]\ndistribution = "robot-shm 1.2.0"\n'})
     assert run(["generate", "-q"], tmp_path).code == 0
@@ -131,8 +131,8 @@ def test_generated_python_is_a_package_of_its_own(tmp_path: Path) -> None:
     subprocess.run(command, cwd=project, check=True, capture_output=True)
     (wheel,) = (tmp_path / "wheels").iterdir()
     assert wheel.name == "robot_shm-1.2.0-py3-none-any.whl"
-    held = zipfile.ZipFile(wheel).namelist()
-    assert {"shm_msgs/py.typed", "shm_msgs/std_msgs/msg/_bool.py"} <= set(held)
+    files = zipfile.ZipFile(wheel).namelist()
+    assert {"shm_msgs/py.typed", "shm_msgs/std_msgs/msg/_bool.py"} <= set(files)
     environment = {**os.environ, "PYTHONPATH": f"{wheel}:{REPOSITORY / 'src'}"}
     code = "from shm_msgs.std_msgs.msg import Bool, BoolPublisher; print(Bool(data=True))"
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
@@ -157,8 +157,8 @@ const char *shmgen_status_text(int status);
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
-def test_a_language_that_is_not_c_links_the_library(tmp_path: Path, topic: str) -> None:
-    """Python through cffi, which knows of the library what is declared here and nothing of the headers."""
+def test_shared_library_works_without_the_headers(tmp_path: Path, topic: str) -> None:
+    """Call the library from Python through cffi, with the declarations above instead of the headers."""
     cffi = import_or_skip("cffi", reason="no cffi: pip install cffi")
     settings = 'messages = ["demo_msgs/Robot"]\npath = ["msgs"]\n'
     write(tmp_path, {"CMakeLists.txt": LIBRARY, "shmgen.toml": settings, "msgs/demo_msgs/msg/Robot.msg": "int32 a\n"})

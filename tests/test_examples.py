@@ -1,4 +1,4 @@
-"""Every example runs, and leaves nothing behind."""
+"""Every example runs to its end and leaves no regions behind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 from .conftest import REPOSITORY
 from .support import import_or_skip, rclcpp, ros1, ros2
 
-SAYS = {
+OUTPUT = {
     "moving_pose": "400 poses crossed",
     "softplc_echo": "received by the PLC",
     "opcua_gateway": "name = ['shoulder', 'elbow']",
@@ -38,9 +38,9 @@ SAYS = {
     "ros2_control": "the PLC killed: `read` is an error",
     "two_machines": "bridge of b killed: xStale after",
 }
-APART = {"softplc_echo", "two_machines"}
-"""The former is `make demo`, see test_readme.py."""
-ASKS = {
+SEPARATE = {"softplc_echo", "two_machines"}
+"""Examples with their own tests: softplc_echo is `make demo`, which test_readme.py runs."""
+PACKAGES = {
     "alarms": ("cyclonedds",),
     "opcua_gateway": ("asyncua", "cyclonedds"),
     "machine_tending": ("cyclonedds",),
@@ -51,26 +51,26 @@ ASKS = {
 }
 
 
-def test_all_examples_are_here() -> None:
-    assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(SAYS)
+def test_all_examples_are_listed() -> None:
+    assert {path.parent.name for path in (REPOSITORY / "examples").glob("*/demo.py")} == set(OUTPUT)
 
 
-@pytest.mark.parametrize("name", ASKS)
-def test_a_missing_package_is_named_before_anything_takes_long(name: str) -> None:
-    """And on the example's page."""
+@pytest.mark.parametrize("name", PACKAGES)
+def test_examples_name_a_missing_package_at_once(name: str) -> None:
+    """Print the command that installs it, which the example's page also shows."""
     page = (REPOSITORY / "examples" / name / "README.md").read_text()
-    assert f".venv/bin/pip install {' '.join(ASKS[name])}\n" in page
-    modules = [module.replace("-", "_") for module in ASKS[name]]
+    assert f".venv/bin/pip install {' '.join(PACKAGES[name])}\n" in page
+    modules = [module.replace("-", "_") for module in PACKAGES[name]]
     without = f"import runpy, sys; sys.modules |= dict.fromkeys({modules!r}, None)"
     code = f"{without}; runpy.run_path('examples/{name}/demo.py', run_name='__main__')"
     done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.endswith(f"pip install {' '.join(ASKS[name])}\n")
+    assert done.stderr.endswith(f"pip install {' '.join(PACKAGES[name])}\n")
 
 
 @pytest.mark.slow
-def test_without_the_stand_in_for_a_plc_no_demo_ends_in_a_traceback() -> None:
-    """blark comes with `make demo`, and with no other installation."""
+def test_demos_without_blark_end_without_a_traceback() -> None:
+    """Name the missing package instead. Only `make demo` installs blark."""
     without = "import runpy, sys; sys.modules['blark'] = None; runpy.run_path(sys.argv[1], run_name='__main__')"
     demos = [path.parent / "demo.py" for path in (REPOSITORY / "examples").glob("*/*.st")]
     for demo in sorted({demo for demo in demos if "start_plc" in demo.read_text()}):
@@ -78,20 +78,20 @@ def test_without_the_stand_in_for_a_plc_no_demo_ends_in_a_traceback() -> None:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
         assert (done.returncode, done.stdout) == (1, ""), demo
         assert "Traceback" not in done.stderr
-        said = (
+        hint = (
             "pip install blark\n" if ".venv/ros1" not in done.stderr and "no ROS 1" not in done.stderr else "makes it\n"
         )
-        assert done.stderr.endswith((said, "Debian's\n", "/setup.bash\n", "[ros2]'\n", "g++ is not installed\n")), (
+        assert done.stderr.endswith((hint, "Debian's\n", "/setup.bash\n", "[ros2]'\n", "g++ is not installed\n")), (
             done.stderr
         )
 
 
 BUILT = {"ros2_cpp": "rclcpp", "ros2_control": "hardware_interface"}
-SLOW = {"ros1_cpp", *BUILT}  # roscpp and rclcpp take their time to compile
+SLOW = {"ros1_cpp", *BUILT}  # compiling with roscpp and rclcpp takes long
 
 
 def run_and_kill_the_rest(command: list[str | Path], environment: dict[str, str]) -> tuple[int, str]:
-    """Run a command and kill the processes that it leaves, or the next run would find their regions in use."""
+    """Run a command and kill the processes that it leaves. Otherwise the next run would find their regions in use."""
     with subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     ) as process:
@@ -107,14 +107,14 @@ def run_and_kill_the_rest(command: list[str | Path], environment: dict[str, str]
     "example",
     [
         pytest.param(example, marks=[pytest.mark.slow] if example in SLOW else [])
-        for example in sorted(set(SAYS) - APART)
+        for example in sorted(set(OUTPUT) - SEPARATE)
     ],
 )
 @pytest.mark.family("[moving_pose]")
-def test_example(example: str) -> None:
+def test_example_succeeds(example: str) -> None:
     if example != "moving_pose" and not shutil.which("g++"):
         pytest.skip("no g++: apt-get install g++")
-    for module in ASKS.get(example, ()):
+    for module in PACKAGES.get(example, ()):
         import_or_skip(module.replace("-", "_"), reason=f"no {module} for this Python")
     if example == "bridge_ros2":
         ros2.prefix("jazzy")  # or skips
@@ -122,7 +122,7 @@ def test_example(example: str) -> None:
         ros1.python()  # or skips
     if example == "ros1_cpp" and not (shutil.which("cmake") and Path("/usr/include/ros/ros.h").exists()):
         pytest.skip("no cmake, or no roscpp: `make test-all` as root installs Debian's")
-    # A domain of DDS for each, for a ROS 2 that may run on this machine is not to see them.
+    # Each example has its own DDS domain, so that no ROS 2 on this machine sees its topics.
     domain = {"ROS_DOMAIN_ID": str(1 + (os.getpid() + zlib.crc32(example.encode())) % 100)}
     environment = {**os.environ, **domain, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     if example in BUILT:
@@ -130,14 +130,14 @@ def test_example(example: str) -> None:
     command = [sys.executable, REPOSITORY / "examples" / example / "demo.py"]
     status, output = run_and_kill_the_rest(command, environment)
     assert status == 0, output
-    assert SAYS[example] in output
+    assert OUTPUT[example] in output
     assert left_behind(example) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("backend", "rate"), [("dds", 100), ("ros2", 500)])
-def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -> None:
-    """With ros2 so fast that a cut costs more than DDS keeps."""
+def test_two_machines_count_lost_messages(backend: str, rate: int) -> None:
+    """Send so fast with ros2 that more messages are lost during a cut than DDS keeps."""
     python = ros2.prefix("jazzy") / "bin" / "python" if backend == "ros2" else sys.executable
     if backend == "dds":
         import_or_skip("cyclonedds")
@@ -147,19 +147,19 @@ def test_what_is_lost_between_two_machines_is_counted(backend: str, rate: int) -
     if result.returncode == 77:
         pytest.skip(result.stdout.strip())
     assert result.returncode == 0, result.stdout + result.stderr
-    assert SAYS["two_machines"] in result.stdout
-    (not_come,) = re.findall(r"after the cut\n.* not come (\d+)", result.stdout)
-    assert (int(not_come) > 500) == (backend == "ros2")
+    assert OUTPUT["two_machines"] in result.stdout
+    (missing,) = re.findall(r"after the cut\n.* not come (\d+)", result.stdout)
+    assert (int(missing) > 500) == (backend == "ros2")
     calls = re.findall(r"every twentieth frame lost\n.*; (\d+) calls.*\n.*; (\d+) calls", result.stdout)
     assert backend == "ros2" or min(map(int, calls[0])) > 60  # of 170; 15 to 36 with Fast DDS's own heartbeat
 
 
 def left_behind(example: str) -> list[Path]:
-    """Regions and semaphores of its own topics, services and actions; other examples may be running."""
+    """Return the files of the example's own topics, services and actions. Other examples may run at the same time."""
     texts = [path.read_text() for path in (REPOSITORY / "examples" / example).glob("*.*") if path.suffix != ".md"]
-    found = {
+    topics = {
         name for text in texts for name in re.findall(r'(?i)^(?:topic|service|action) = "/(.+)"$', text, re.MULTILINE)
     }
-    assert found
-    names = [name.replace("/", ".") for name in found]
+    assert topics
+    names = [name.replace("/", ".") for name in topics]
     return [path for name in names for path in Path("/dev/shm").glob(f"*{name}*")]

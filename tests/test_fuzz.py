@@ -1,4 +1,4 @@
-"""Whatever lies in a definition: a schema or a diagnostic, never another exception, never a hang."""
+"""Any text of a definition results in a schema or a diagnostic, without another exception or a hang."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ FILES = sorted(
     [*(SHARED / "corpus").glob("*/*/*/*.[msa]*"), *(REPOSITORY / "tests" / "cases").glob("*/msgs/*/*/*.[msa]*")]
 )
 SECONDS = 10
-"""Of CPU for one definition; it takes some milliseconds."""
+"""CPU time for one definition, which usually takes some milliseconds."""
 
-real = st.randoms(use_true_random=False).map(partial(from_files, FILES))
-made = st.randoms(use_true_random=False).map(from_grammar)
-careless = settings(suppress_health_check=list(HealthCheck))
+damaged_definitions = st.randoms(use_true_random=False).map(partial(from_files, FILES))
+grammar_definitions = st.randoms(use_true_random=False).map(from_grammar)
+no_health_checks = settings(suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(scope="module")
@@ -35,26 +35,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz")
 
 
-@given(real)
-@settings(careless, max_examples=800)
+@given(damaged_definitions)
+@settings(no_health_checks, max_examples=800)
 @pytest.mark.slow
-def test_real_files_that_were_damaged(folder: Path, fuzzed: Fuzzed) -> None:
+def test_damaged_definitions_do_not_crash(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):
         read(fuzzed, folder)
 
 
-@given(made)
-@settings(careless, max_examples=400)
+@given(grammar_definitions)
+@settings(no_health_checks, max_examples=400)
 @pytest.mark.slow
-def test_files_made_from_a_grammar(folder: Path, fuzzed: Fuzzed) -> None:
+def test_definitions_from_a_grammar_do_not_crash(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):
         read(fuzzed, folder)
 
 
 @pytest.mark.slow
-@given(made | real)
-@settings(careless, max_examples=50)
-def test_what_is_generated_is_what_each_language_takes(folder: Path, fuzzed: Fuzzed) -> None:
+@given(grammar_definitions | damaged_definitions)
+@settings(no_health_checks, max_examples=50)
+def test_generated_files_are_valid_in_each_language(folder: Path, fuzzed: Fuzzed) -> None:
     with within(SECONDS):
         texts = generated(fuzzed, folder, ("python", "st", "plcopen", "c"))
     if texts:
@@ -77,17 +77,17 @@ def assert_well_formed(texts: dict[str, str]) -> None:
 
 @pytest.mark.parametrize("kind", foreign.KINDS)
 @pytest.mark.family("[mcap]")
-def test_files_of_others_that_were_damaged(kind: str, tmp_path: Path) -> None:
+def test_damaged_foreign_files_do_not_crash(kind: str, tmp_path: Path) -> None:
     readable, dice = 0, Random(1)
-    found = foreign.seeds(kind)
+    seeds = foreign.seeds(kind)
     for _ in range(1000):
-        data = foreign.damaged(kind, dice.choice(found), dice)
+        data = foreign.damaged(kind, dice.choice(seeds), dice)
         with within(SECONDS):
             readable += foreign.read(kind, data, tmp_path)
     assert readable
 
 
-def test_the_guard_stops_what_hangs() -> None:
+def test_guard_stops_a_hang() -> None:
     def hang() -> None:
         while True:
             pass

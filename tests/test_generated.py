@@ -1,4 +1,4 @@
-"""generated/ holds the files that its .gitignore names, as the tool writes them today, byte for byte."""
+"""generated/ and the pictures of the docs are up to date, byte for byte."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from .support.build import committed_texts, put
 def test_generated_is_up_to_date() -> None:
     folder = REPOSITORY / "generated"
     patterns = re.findall(r"^!(.*[^/])$", (folder / ".gitignore").read_text(), re.MULTILINE)
-    found = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    found = {path: data for path, data in found.items() if any(fnmatch(path, pattern) for pattern in patterns)}
-    texts = {path: text for path, text in committed_texts().items() if any(fnmatch(path, one) for one in patterns)}
-    assert sorted(found) == sorted([".gitignore", *texts]), "run `make generated`"
+    files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    files = {path: data for path, data in files.items() if any(fnmatch(path, pattern) for pattern in patterns)}
+    texts = {path: text for path, text in committed_texts().items() if any(fnmatch(path, name) for name in patterns)}
+    assert sorted(files) == sorted([".gitignore", *texts]), "run `make generated`"
     for path, text in texts.items():
-        assert found[path] == text.encode(), f"{path}: run `make generated`"
+        assert files[path] == text.encode(), f"{path}: run `make generated`"
 
 
-def test_the_pictures_are_up_to_date() -> None:
+def test_memory_map_is_up_to_date() -> None:
     from shmgen.core.model import TypeName
     from shmgen.generator.render import render
     from shmgen.show import memory_map
@@ -42,16 +42,16 @@ def test_the_pictures_are_up_to_date() -> None:
     assert (REPOSITORY / "docs" / "memory_map.svg").read_text() == drawing, "run `make generated`"
 
 
-def test_the_picture_of_the_users_world_is_up_to_date() -> None:
+def test_architecture_picture_is_up_to_date() -> None:
     assert (REPOSITORY / "docs" / "architecture.svg").read_text() == world(), "run `make generated`"
 
 
-def test_the_boxes_of_the_blocks_are_up_to_date(tmp_path: Path) -> None:
+def test_picture_of_the_blocks_is_up_to_date(tmp_path: Path) -> None:
     assert (REPOSITORY / "docs" / "blocks.svg").read_text() == blocks(tmp_path), "run `make pictures`"
 
 
-def test_no_version_of_python_warns_of_generated_code(tmp_path: Path) -> None:
-    """From 3.14 on ctypes warns of a `_pack_` without a `_layout_`, which 3.19 will refuse."""
+def test_generated_python_raises_no_warning(tmp_path: Path) -> None:
+    """Define `_layout_` with each `_pack_`: ctypes warns of a missing one since Python 3.14, and rejects it in 3.19."""
     put({path: text for path, text in committed_texts().items() if path.startswith("python/")}, tmp_path)
     folder = tmp_path / "python"
     modules = [path.relative_to(folder).with_suffix("") for path in folder.rglob("_*.py")]

@@ -1,10 +1,10 @@
 """Compare the output for each folder of tests/cases (definitions and shmgen.toml) with its `expected/`, byte for byte.
 
-layout.lock names every generated file with its SHA-256. If a file's text is held elsewhere, `expected/` has no copy of
-the file, and the expected layout.lock names the place instead of the SHA-256: the template that shmgen copies,
-`cases/pose`, another file of the case, or `generated/`. A change in a header for C therefore changes no file here. Most
-cases hold only the number of such files in each folder. Publishers and subscribers of most cases, and messages of some,
-are held by their SHA-256 alone.
+layout.lock names every generated file with its SHA-256. If the text of a file exists elsewhere, `expected/` has no copy
+of the file. The expected layout.lock then names the place instead of the SHA-256: the copied template, `cases/pose`,
+another file of the case, or `generated/`. A change in a header for C therefore changes no file here. In most cases,
+layout.lock has only the number of such files in each folder. It has only the SHA-256 of most publishers and
+subscribers, and of some messages.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ COPIED = {
     if path.suffix != ".j2"
 }
 
-HELD_ELSEWHERE = re.compile(r'^"(.+)/[^/]+" = "(copied from templates|as in cases/pose)"\n', re.MULTILINE)
+STORED_ELSEWHERE = re.compile(r'^"(.+)/[^/]+" = "(copied from templates|as in cases/pose)"\n', re.MULTILINE)
 
 WITH_NAMES_OF_COPIES = ("everything",)
-"""Cases that name each file whose text is held elsewhere. Other cases only count these files."""
+"""Cases that name each file whose text is stored elsewhere. Other cases only count these files."""
 
-OF_OTHER_TARGETS = ("ros", "ros_cpp", "topics")
-"""Cases that generate neither Python nor headers, which are alike in all others."""
+OTHER_TARGETS = ("ros", "ros_cpp", "topics")
+"""Cases that generate neither Python nor headers. All other cases generate both."""
 
 each_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 
 
 @each_case
-def test_generated_is_as_expected(case: Path, update_golden: bool) -> None:
-    texts = without_copies(case.name, generated(case))
+def test_generated_files_are_as_expected(case: Path, update_golden: bool) -> None:
+    texts = without_copies(case.name, generate(case))
     expected = case / "expected"
     if update_golden:
         shutil.rmtree(expected, ignore_errors=True)
@@ -66,7 +66,7 @@ def test_generated_is_as_expected(case: Path, update_golden: bool) -> None:
 
 
 def test_structured_text_is_ascii_with_lf() -> None:
-    texts = {path: text for case in CASES for path, text in generated(case).items() if path.endswith(".st")}
+    texts = {path: text for case in CASES for path, text in generate(case).items() if path.endswith(".st")}
     assert len(texts) > 50
     for path, text in texts.items():
         assert text.isascii(), path
@@ -74,10 +74,10 @@ def test_structured_text_is_ascii_with_lf() -> None:
         assert text.endswith("\n"), path
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.name not in OF_OTHER_TARGETS], ids=lambda it: it.name)
+@pytest.mark.parametrize("case", [case for case in CASES if case.name not in OTHER_TARGETS], ids=lambda it: it.name)
 @pytest.mark.parametrize("language", ["c", "c++"])
 def test_headers_compile(case: Path, language: str, tmp_path: Path) -> None:
-    put(generated(case), tmp_path)
+    put(generate(case), tmp_path)
     compile_headers(tmp_path, language)
 
 
@@ -104,9 +104,9 @@ for path in sorted(pathlib.Path.cwd().glob("*/*/*/_*.py")):
 """
 
 
-def test_python_carries_the_defaults_to_and_fro(tmp_path: Path) -> None:
+def test_python_converts_defaults_from_and_to_objects(tmp_path: Path) -> None:
     for case in CASES:
-        put({path: text for path, text in generated(case).items() if path.startswith("python/")}, tmp_path)
+        put({path: text for path, text in generate(case).items() if path.startswith("python/")}, tmp_path)
     done = subprocess.run(
         [sys.executable, "-c", ROUND_TRIP], cwd=tmp_path / "python", capture_output=True, text=True, check=False
     )
@@ -117,48 +117,48 @@ def test_python_carries_the_defaults_to_and_fro(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_python_passes_ruff_and_mypy(tmp_path: Path) -> None:
     for case in CASES:
-        put({path: text for path, text in generated(case).items() if path.startswith("python/")}, tmp_path)
+        put({path: text for path, text in generate(case).items() if path.startswith("python/")}, tmp_path)
     packages = sorted((tmp_path / "python").iterdir())
-    assert len(packages) == len(CASES) - len(OF_OTHER_TARGETS)
-    checked("ruff", "check", "--isolated", "--no-cache", str(tmp_path))
-    checked("mypy", "--strict", "--config-file=", f"--cache-dir={tmp_path}/cache", *map(str, packages))
+    assert len(packages) == len(CASES) - len(OTHER_TARGETS)
+    run_checker("ruff", "check", "--isolated", "--no-cache", str(tmp_path))
+    run_checker("mypy", "--strict", "--config-file=", f"--cache-dir={tmp_path}/cache", *map(str, packages))
 
 
-def generated(case: Path) -> dict[str, str]:
+def generate(case: Path) -> dict[str, str]:
     settings = config.load(case / "shmgen.toml", "shmgen.toml", Report())
     return pipeline.generate(settings, settings.messages)
 
 
 def without_copies(case: str, texts: dict[str, str]) -> dict[str, str]:
-    """Leave out the files whose text is held elsewhere, and name those places in layout.lock."""
+    """Leave out the files whose text is stored elsewhere, and name those places in layout.lock."""
     first = {(Path(path).name, text): path for path, text in reversed(texts.items())}
-    held = {
+    places = {
         path: f"as {same}" for path, text in texts.items() if text and (same := first[Path(path).name, text]) != path
     }
-    held |= {path: place for path, text in texts.items() if (place := place_of(case, path, text))}
+    places |= {path: place for path, text in texts.items() if (place := place_of(case, path, text))}
     lock = re.sub(
         r'^"(.+)" = "(\w{64})"$',
-        lambda line: f'"{line[1]}" = "{held[line[1]]}"' if line[1] in held else line[0],
+        lambda line: f'"{line[1]}" = "{places[line[1]]}"' if line[1] in places else line[0],
         texts[LOCK],
         flags=re.MULTILINE,
     )
     if case not in WITH_NAMES_OF_COPIES:
         lock = with_numbers_of_copies(lock)
-    return {path: text for path, text in texts.items() if path not in held and not is_hashed(case, path)} | {LOCK: lock}
+    return {key: text for key, text in texts.items() if key not in places and not is_hashed(case, key)} | {LOCK: lock}
 
 
 def with_numbers_of_copies(lock: str) -> str:
-    """Replace the lines of files whose text is held elsewhere by their number in each folder."""
-    copies = Counter(HELD_ELSEWHERE.findall(lock))
+    """Replace the lines of files whose text is stored elsewhere by their number in each folder."""
+    copies = Counter(STORED_ELSEWHERE.findall(lock))
     lines = (f'"{folder}" = "{number} files {place}"\n' for (folder, place), number in copies.items())
-    return HELD_ELSEWHERE.sub("", lock) + "".join(lines)
+    return STORED_ELSEWHERE.sub("", lock) + "".join(lines)
 
 
 def is_hashed(case: str, path: str) -> bool:
-    """Return True if only the SHA-256 of a file is held, because another case holds the text of such a file.
+    """Return True if only the SHA-256 of a file is stored, because another case has the text of a similar file.
 
-    Publishers and subscribers differ by their names alone; the cases pose and everything hold some. The case service
-    holds what clients and servers look like, and tests/calls imports its Python.
+    Publishers and subscribers differ only by their names, and the cases pose and everything have some of them. The
+    case service has clients and servers, and tests/calls imports its Python.
     """
     if path.endswith(("_shm.h", "_Publisher.st", "_Subscriber.st")):
         return case not in ("pose", "everything")
@@ -172,25 +172,25 @@ def is_hashed(case: str, path: str) -> bool:
 
 
 def place_of(case: str, path: str, text: str) -> str:
-    """Return where the text of a generated file is held, or `""` if that is in `expected/`."""
+    """Return the place that stores the text of a generated file, or `""` if that is `expected/`."""
     name = path.rpartition("/")[2]
     if (name, text) in COPIED:
         return "copied from templates"
-    if path.startswith("plcopen/"):  # the Structured Text once more
+    if path.startswith("plcopen/"):  # a copy of the Structured Text
         return "see generated"
     return "as in cases/pose" if case != "pose" and (name, text) in common_files() else ""
 
 
 @cache
 def common_files() -> set[tuple[str, str]]:
-    """Name and text of each file that is rendered alike for all messages."""
-    texts = generated(REPOSITORY / "tests" / "cases" / "pose")
+    """Return the name and the text of each file that does not depend on the messages."""
+    texts = generate(REPOSITORY / "tests" / "cases" / "pose")
     return {
         (Path(path).name, text) for path, text in texts.items() if path.startswith("st/shmgen/") or "/shmgen.h" in path
     }
 
 
-def checked(*command: str) -> None:
+def run_checker(*command: str) -> None:
     environment = {**os.environ, "MYPYPATH": str(REPOSITORY / "src")}
     done = subprocess.run(
         [sys.executable, "-m", *command], capture_output=True, text=True, check=False, env=environment

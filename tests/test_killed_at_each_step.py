@@ -1,4 +1,4 @@
-"""A writer killed behind each instruction of a publish: what a new reader finds is whole, and the newest."""
+"""A reader gets the newest complete sample after a writer was killed at any instruction of publish."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .test_never_waits import compiled
 pytestmark = pytest.mark.slow
 
 
-def survives(demo: Demo, topic: str, publish: Callable[[int, int], None], stride: int) -> int:
-    """`publish(number, instruction)` in a process of its own for each `stride`; returns how many there were."""
+def kill_at_each_instruction(demo: Demo, topic: str, publish: Callable[[int, int], None], stride: int) -> int:
+    """Call `publish(number, instruction)` in a new process for each `stride`. Return the number of processes."""
     before = 0
     for number in itertools.count(1):
         instruction = 1 + stride * (number - 1)
@@ -30,11 +30,11 @@ def survives(demo: Demo, topic: str, publish: Callable[[int, int], None], stride
                 os._exit(0)
         ended = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
         with demo.python.DemoSubscriber(topic) as subscriber:
-            found = subscriber.read()
-        assert found or not before, f"nothing, killed behind {instruction}"
-        if found:
-            assert (found.a in (before, number), found.b) == (True, 2 * found.a), f"killed behind {instruction}"
-            before = found.a
+            newest = subscriber.read()
+        assert newest or not before, f"nothing, killed behind {instruction}"
+        if newest:
+            assert (newest.a in (before, number), newest.b) == (True, 2 * newest.a), f"killed behind {instruction}"
+            before = newest.a
         if ended == 0:
             assert before == number
             return number
@@ -44,12 +44,12 @@ def survives(demo: Demo, topic: str, publish: Callable[[int, int], None], stride
 EARLY = """
     shmgen_store(&self->end, shmgen_slot_of(&self->end, self->number, 0) + offsetof(shmgen_slot, number), self->number);
     shmgen_store(&self->end, shmgen_completed(0), self->number);"""
-"""A fault: the sample is complete before its bytes are there."""
+"""A fault: the writer marks the sample as complete before it copies the bytes."""
 
 
 @pytest.mark.parametrize("language", ["c", "cpp"])
 @pytest.mark.parametrize("fault", ["", EARLY], ids=["", "planted"])
-def test_in_c(demo: Demo, tmp_path: Path, topic: str, language: str, fault: str) -> None:
+def test_sample_survives_a_killed_c_writer(demo: Demo, tmp_path: Path, topic: str, language: str, fault: str) -> None:
     library = compiled(tmp_path, fault)
 
     def publish(number: int, instruction: int) -> None:
@@ -57,16 +57,16 @@ def test_in_c(demo: Demo, tmp_path: Path, topic: str, language: str, fault: str)
         getattr(library, f"{language}_say")(ctypes.c_uint32(number))
         steps.killed_at(instruction, getattr(library, f"{language}_try_publish"))
 
-    steps.counted(steps._counter().nothing)  # skips where that cannot be had
+    steps.counted(steps._counter().nothing)  # skips if this machine cannot count instructions
     if fault:
         with pytest.raises(AssertionError, match="killed behind"):
-            survives(demo, topic, publish, 1)
+            kill_at_each_instruction(demo, topic, publish, 1)
     else:
-        assert survives(demo, topic, publish, 1) > 200
+        assert kill_at_each_instruction(demo, topic, publish, 1) > 200
 
 
-def test_in_a_plc(demo: Demo, topic: str) -> None:
-    """Translated and not optimised, so in strides; each takes the topic over from one that stands still."""
+def test_sample_survives_a_killed_plc(demo: Demo, topic: str) -> None:
+    """Stop at every 29th instruction, because translated code is long. Each PLC takes the topic over from the last."""
 
     def publish(number: int, instruction: int) -> None:
         block = demo.publisher(topic)()
@@ -75,5 +75,5 @@ def test_in_a_plc(demo: Demo, topic: str) -> None:
         block.Msg.a, block.Msg.b, block.xSend = number, 2 * number, True
         steps.killed_at(instruction, demo.plc._calls[block._name, ""], block._address)
 
-    steps.counted(steps._counter().nothing)  # skips where that cannot be had
-    assert survives(demo, topic, publish, 29) > 100
+    steps.counted(steps._counter().nothing)  # skips if this machine cannot count instructions
+    assert kill_at_each_instruction(demo, topic, publish, 29) > 100

@@ -1,4 +1,4 @@
-"""Definitions far too large or too deep, and floods of mistakes: a diagnostic, in seconds at the very most."""
+"""Definitions that are too large or too deep, or have thousands of mistakes, cause a diagnostic within seconds."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from tests.support.guard import within
 
 MANY = 20_000
 SECONDS = 20
-"""Of CPU, against hanging. Each takes less than three; those that compared all with all took minutes."""
+"""The limit of CPU time. Each test takes less than three seconds; a quadratic algorithm would take minutes."""
 
 
-def refused(folder: Path, files: dict[str, str]) -> tuple[Diagnostic, ...]:
+def reject(folder: Path, files: dict[str, str]) -> tuple[Diagnostic, ...]:
     (folder / "demo_msgs" / "msg").mkdir(parents=True)
     for name, text in files.items():
         (folder / "demo_msgs" / "msg" / f"{name}.msg").write_text(text)
@@ -35,23 +35,23 @@ LINES = {
 
 
 @pytest.mark.parametrize(("text", "code"), LINES.values(), ids=LINES)
-def test_a_line_or_a_file_beyond_all_measure(text: str, code: str, tmp_path: Path) -> None:
-    (finding,) = refused(tmp_path, {"Foo": text})
+def test_huge_line_or_file_is_rejected(text: str, code: str, tmp_path: Path) -> None:
+    (finding,) = reject(tmp_path, {"Foo": text})
     assert finding.code == code
     assert len(str(finding)) < 1000
 
 
 @pytest.mark.slow
-def test_messages_a_thousand_deep(tmp_path: Path) -> None:
+def test_message_nested_a_thousand_times_is_rejected(tmp_path: Path) -> None:
     files = {f"M{number}": f"M{number + 1} next" for number in range(1000)}
-    findings = refused(tmp_path, {**files, "Foo": "M0 first", "M1000": "int8 last"})
+    findings = reject(tmp_path, {**files, "Foo": "M0 first", "M1000": "int8 last"})
     assert {finding.code for finding in findings} == {"SHM304"}
 
 
 @pytest.mark.slow
-def test_a_ring_of_a_thousand_messages(tmp_path: Path) -> None:
+def test_cycle_of_a_thousand_messages_is_rejected(tmp_path: Path) -> None:
     files = {f"M{number}": f"M{(number + 1) % 1000} next" for number in range(1000)}
-    (finding,) = refused(tmp_path, {**files, "Foo": "M0 first"})
+    (finding,) = reject(tmp_path, {**files, "Foo": "M0 first"})
     assert finding.code == "SHM301"
     assert len(str(finding)) < 1000
 
@@ -67,9 +67,9 @@ FLOODS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("line", "code", "told"), FLOODS.values(), ids=FLOODS)
-def test_a_flood_of_one_mistake(line: str, code: str, told: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("line", "code", "expected_count"), FLOODS.values(), ids=FLOODS)
+def test_thousands_of_mistakes_are_reported_soon(line: str, code: str, expected_count: int, tmp_path: Path) -> None:
     many = MANY // 2 if line.count("\n") > 1 else MANY
-    findings = refused(tmp_path, {"Foo": "".join(line.format(number) for number in range(many))})
+    findings = reject(tmp_path, {"Foo": "".join(line.format(number) for number in range(many))})
     assert {finding.code for finding in findings} == {code}
-    assert len(findings) == told
+    assert len(findings) == expected_count

@@ -1,4 +1,4 @@
-"""One layout on four machines: the C headers compiled by Debian's cross compilers and run, under qemu where need be."""
+"""The C headers have one layout on four machines, with Debian's cross compilers, and qemu for other processors."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def layouts(config: Config) -> Layouts:
 
 
 def program(layouts: Layouts) -> str:
-    """Prints size and offsets of everything, then the last and an inner member of an Imu that it gets on stdin."""
+    """Return a C program that prints all sizes and offsets, and then three members of an Imu from standard input."""
     lines = [f'#include "{path}"' for path in ("shm_msgs/sensor_msgs/msg/imu.h",)]
     lines += [f'#include "{path}"' for path in headers()]
-    lines += ["#include <stdio.h>"]  # behind those that say which POSIX they need
+    lines += ["#include <stdio.h>"]  # after the headers that define the POSIX version
     lines += ["int main(void) {", f"    static {struct_name(IMU)} imu;"]
     lines += ["    if (fread(&imu, 1, sizeof imu, stdin) != sizeof imu) return 1;"]
     for name, layout in layouts.items():
@@ -76,16 +76,16 @@ def headers() -> dict[str, str]:
     return {path[2:]: text for path, text in committed_texts().items() if path.endswith(".h")}
 
 
-def compiled(compiler: str, source: str, include: Path, target: Path) -> subprocess.CompletedProcess[str]:
+def compile_program(compiler: str, source: str, include: Path, target: Path) -> subprocess.CompletedProcess[str]:
     command = [compiler, "-static", "-std=c11", "-Wall", "-Wextra", "-Werror", f"-I{include}", "-xc", "-", "-o", target]
     return subprocess.run(command, input=source, text=True, capture_output=True, check=False)
 
 
-def test_one_layout(machine: tuple[str, tuple[str, ...]], config: Config, layouts: Layouts, tmp_path: Path) -> None:
+def test_same_layout(machine: tuple[str, tuple[str, ...]], config: Config, layouts: Layouts, tmp_path: Path) -> None:
     compiler, emulator = machine
     binary = tmp_path / "layout"
     put(headers(), tmp_path / "c")
-    result = compiled(compiler, program(layouts), tmp_path / "c", binary)
+    result = compile_program(compiler, program(layouts), tmp_path / "c", binary)
     assert result.returncode == 0, result.stderr
     package = f"shm_{compiler.partition('-')[0]}"
     texts = pipeline.generate(dataclasses.replace(config, package=package, targets=("python",)), config.messages)
@@ -95,11 +95,11 @@ def test_one_layout(machine: tuple[str, tuple[str, ...]], config: Config, layout
     payload = kind._from_object(message)
     run = subprocess.run([*emulator, binary], input=bytes(payload), capture_output=True, check=True)
     *printed, values = run.stdout.decode().splitlines()
-    wanted = []
+    expected = []
     for name, layout in layouts.items():
-        wanted.append(f"{name} {layout.size}")
-        wanted += [f"{name}.{slot.name} {slot.offset}" for slot in layout.slots]
-    assert printed == wanted
+        expected.append(f"{name} {layout.size}")
+        expected += [f"{name}.{slot.name} {slot.offset}" for slot in layout.slots]
+    assert printed == expected
     frame, orientation, covariance = values.rsplit(" ", 2)
     assert frame == message.header.frame_id
     assert (float(orientation), float(covariance)) == (
@@ -109,8 +109,8 @@ def test_one_layout(machine: tuple[str, tuple[str, ...]], config: Config, layout
 
 
 @pytest.mark.parametrize("fault", ["no padding", "no packing, no padding"])
-def test_i386_needs_the_padding_and_the_packing(fault: str, layouts: Layouts, tmp_path: Path) -> None:
-    """What the headers protect from: i386 aligns double to 4, so a compiler's own layout is another one there."""
+def test_i386_needs_explicit_padding_and_packing(fault: str, layouts: Layouts, tmp_path: Path) -> None:
+    """Fail to compile headers without them: i386 aligns double to 4 bytes, so the layout differs."""
     if shutil.which("i686-linux-gnu-gcc") is None:
         pytest.skip("i686-linux-gnu-gcc is not installed")
     for path, text in headers().items():
@@ -118,10 +118,10 @@ def test_i386_needs_the_padding_and_the_packing(fault: str, layouts: Layouts, tm
         if fault.startswith("no packing"):
             unpadded = unpadded.replace("#define SHMGEN_PACKED __attribute__((packed))", "#define SHMGEN_PACKED")
         put({path: unpadded}, tmp_path)
-    result = compiled("i686-linux-gnu-gcc", program_without_padding(layouts), tmp_path, tmp_path / "layout")
+    result = compile_program("i686-linux-gnu-gcc", program_without_padding(layouts), tmp_path, tmp_path / "layout")
     assert "static assertion failed" in result.stderr
-    if fault.startswith("no packing"):  # and x86-64 would never have shown it
-        result = compiled("gcc", program_without_padding(layouts), tmp_path, tmp_path / "layout")
+    if fault.startswith("no packing"):  # x86-64 does not show the difference
+        result = compile_program("gcc", program_without_padding(layouts), tmp_path, tmp_path / "layout")
         assert result.returncode == 0, result.stderr
 
 

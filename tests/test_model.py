@@ -1,4 +1,4 @@
-"""The protocol as a model: spin finds nothing, but finds what is planted in it. `make model` goes further."""
+"""spin finds no fault in the model of the protocol, but detects planted faults. `make model` checks more states."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ pytestmark = [pytest.mark.slow] + [
     for tool in TOOLS
 ]
 TIMEOUT = 300.0
-"""Seconds; each takes some, but other tests take the processors."""
+"""Seconds for one run. A run takes only some seconds if no other test uses the processors."""
 
 
 @pytest.mark.parametrize("run", HOLDS, ids=lambda run: run.id)
-def test_no_state_breaks_what_is_promised(run: Run) -> None:
+def test_model_has_no_fault(run: Run) -> None:
     assert verify(run, TIMEOUT).error == ""
 
 
 @pytest.mark.parametrize("run", FAULTS, ids=lambda run: run.id)
-def test_a_planted_fault_is_found(run: Run) -> None:
+def test_model_detects_a_planted_fault(run: Run) -> None:
     assert verify(run, TIMEOUT).error
 
 
 @pytest.mark.parametrize("run", REMAINS, ids=lambda run: run.id)
-def test_what_the_page_says_remains_is_there(run: Run) -> None:
+def test_documented_limitations_exist_in_the_model(run: Run) -> None:
     assert verify(run, TIMEOUT).error
 
 
-def test_each_fault_that_can_be_planted_is_tried() -> None:
+def test_all_faults_of_the_model_are_planted() -> None:
     from .model.spin import FOLDER
 
     text = "".join(file.read_text() for file in FOLDER.glob("*.pml"))

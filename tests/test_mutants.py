@@ -1,4 +1,4 @@
-"""The mutants: that one that a test minds is killed, one that none minds lives, and what is explained is there."""
+"""A mutant that a test detects is killed, another one lives, and mutants.toml explains only existing mutants."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ TEXT = b"""def first(a: int = 1) -> int:
 """
 
 
-def test_what_is_changed_and_what_is_left() -> None:
-    found = mutants_of("x.py", TEXT)
-    assert {(mutant.line, mutant.was, mutant.now) for mutant in found} == {
+def test_mutations_of_a_function() -> None:
+    mutants = mutants_of("x.py", TEXT)
+    assert {(mutant.line, mutant.was, mutant.now) for mutant in mutants} == {
         (1, "1", "(2)"),
         (3, "a < 2 and not a", "(a < 2 or not a)"),
         (3, "a < 2", "(a <= 2)"),
@@ -33,14 +33,14 @@ def test_what_is_changed_and_what_is_left() -> None:
         (5, "a + 3", "(a - 3)"),
         (5, "3", "(4)"),
     }
-    for mutant in found:
+    for mutant in mutants:
         compile(mutant.apply(TEXT), "x.py", "exec")
 
 
 BOUNDS = "generator/bounds.py"
 
 
-def test_every_survivor_that_is_explained_is_still_there() -> None:
+def test_explained_survivors_exist() -> None:
     rooms, survivors = plan()
     every = [mutant for room in rooms for file in room.files for mutant in mutants_of(file, read(file))]
     assert len(every) > 1500
@@ -49,9 +49,9 @@ def test_every_survivor_that_is_explained_is_still_there() -> None:
 
 
 @pytest.mark.slow
-def test_a_mutant_is_killed_by_a_test_that_minds_it() -> None:
+def test_mutant_is_killed_by_a_test_that_detects_it() -> None:
     test = ["tests/definitions/test_bounds.py"]
-    minded, explained = (
+    detected, explained = (
         next(mutant for mutant in mutants_of(file, read(file)) if (mutant.where, mutant.was) == where)
         for file, where in ((BOUNDS, ("_most_specific", "key in table")), ("generator/layout.py", ("_message", "0")))
     )
@@ -59,7 +59,7 @@ def test_a_mutant_is_killed_by_a_test_that_minds_it() -> None:
         worker = Worker(Path(folder))
         try:
             assert worker.learn(test, [BOUNDS])[0] > 0
-            assert [worker.try_(mutant, test, 60) for mutant in (minded, explained)] == ["killed", "lives"]
+            assert [worker.try_(mutant, test, 60) for mutant in (detected, explained)] == ["killed", "lives"]
             assert (worker.copy / CODE / BOUNDS).read_bytes() == read(BOUNDS)
         finally:
             worker.close()

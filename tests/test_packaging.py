@@ -1,4 +1,4 @@
-"""contrib/: what can be held of the container without a docker. `make bare` makes and installs the Debian package."""
+"""The files in contrib/ fit together, as far as tests without docker show. `make bare` tests the Debian package."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .test_distributions import tomllib
 DOCKER = REPOSITORY / "contrib" / "docker"
 
 
-def test_the_image_gets_all_that_the_wheel_is_made_of() -> None:
-    kept = [line[1:] for line in (DOCKER / "Dockerfile.dockerignore").read_text().split() if line[0] == "!"]
-    assert all((REPOSITORY / path).exists() for path in kept)
+def test_docker_image_gets_all_files_of_the_wheel() -> None:
+    included = [line[1:] for line in (DOCKER / "Dockerfile.dockerignore").read_text().split() if line[0] == "!"]
+    assert all((REPOSITORY / path).exists() for path in included)
     wheel = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
     for path in (*wheel["packages"], *wheel["force-include"], *wheel["shared-data"], wheel["hooks"]["custom"]["path"]):
-        assert any(path == one or path.startswith(f"{one}/") for one in kept), path
+        assert any(path == name or path.startswith(f"{name}/") for name in included), path
 
 
-def test_the_containers_of_compose_share_one_dev_shm(topic: str) -> None:
-    """Their commands do what they are to do, in two processes here."""
+def test_containers_of_compose_share_one_dev_shm(topic: str) -> None:
+    """Run the commands of both containers as two processes, which exchange a pose."""
     compose = YAML(typ="safe").load(DOCKER / "compose.yaml")
     services = compose["services"]
     owners = [name for name, service in services.items() if service["ipc"] == "shareable"]
@@ -48,27 +48,27 @@ OURS = r"\.(?=[\[\s`])|\./shmgen|\$GITHUB_ACTION_PATH|/source|shmgen(?:\[idl\])?
 INSTALLS = rf"""(?:pipx|pip"?|uv tool) install (?:--\S+ )*['"]?(?:{OURS})\S*"""
 
 
-def test_what_we_say_to_install_reads_idl() -> None:
-    """What is installed for one purpose more, `.[view]`, is installed over that."""
+def test_install_commands_include_the_idl_parser() -> None:
+    """Accept extras for a further purpose, such as `.[view]`, which users install in addition."""
     places = ["README.md", "action.yml", "contrib/docker/Dockerfile", "tests/rigs/bare.py"]
     texts = [(REPOSITORY / place).read_text() for place in places]
     texts += [path.read_text() for path in (REPOSITORY / "docs").rglob("*.md")]
-    found = [re.findall(INSTALLS, text) for text in texts]
-    assert all(found[: len(places)])
+    commands = [re.findall(INSTALLS, text) for text in texts]
+    assert all(commands[: len(places)])
     others = [
         line
-        for lines in found
+        for lines in commands
         for line in lines
         if not re.search(r"\[(idl|idl,demo|dds,idl|view|dds|ros2|zenoh)\]", line)
     ]
     assert others == []
 
 
-def test_the_scripts_are_sh(tmp_path: Path) -> None:
+def test_scripts_are_valid_sh(tmp_path: Path) -> None:
     subprocess.run(["sh", "-n", REPOSITORY / "contrib" / "debian" / "make_deb.sh"], check=True, cwd=tmp_path)
 
 
-def test_the_key_of_rosdep_is_the_one_that_the_page_names() -> None:
+def test_page_names_the_rosdep_key() -> None:
     keys = YAML(typ="safe").load(REPOSITORY / "contrib" / "rosdep" / "cell.yaml")
     assert all(rule["pip"]["packages"] == ["posix_ipc"] for key in keys for rule in keys[key].values())
     page = (REPOSITORY / "contrib" / "README.md").read_text()

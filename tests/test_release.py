@@ -1,4 +1,4 @@
-"""The release workflow: what it asks of a tag, and the notes that it makes of CHANGELOG.md."""
+"""The release workflow checks the tag and the date, and takes the notes from CHANGELOG.md."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ DATE = "2031-05-17"
 
 
 def step(name: str) -> str:
-    """The commands of a step of release.yml."""
+    """Return the commands of a step of release.yml."""
     jobs = YAML(typ="safe").load(REPOSITORY / ".github/workflows/release.yml")["jobs"]
     steps = [step for job in jobs.values() for step in job["steps"] if step.get("name") == name]
     return str(steps[0]["run"])
 
 
-def done(folder: Path, script: str, heading: str) -> subprocess.CompletedProcess[str]:
+def run_step(folder: Path, script: str, heading: str) -> subprocess.CompletedProcess[str]:
     page = (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
     page = re.sub(rf"^## {re.escape(__version__)} .*$", heading, page, flags=re.MULTILINE)
     (folder / "CHANGELOG.md").write_text(f"{page}\n## 0.0.1 (2030-01-01)\n\n* Older.\n", encoding="utf-8")
@@ -44,13 +44,13 @@ def done(folder: Path, script: str, heading: str) -> subprocess.CompletedProcess
         (f"## {__version__}1 ({DATE})", 1),
     ],
 )
-def test_a_release_has_a_date(heading: str, code: int, tmp_path: Path) -> None:
-    assert done(tmp_path, step("Tag, version and changelog agree"), heading).returncode == code
+def test_release_needs_a_date_in_the_changelog(heading: str, code: int, tmp_path: Path) -> None:
+    assert run_step(tmp_path, step("Tag, version and changelog agree"), heading).returncode == code
 
 
-def test_notes_are_one_section_with_links_that_lead_somewhere(tmp_path: Path) -> None:
-    made = done(tmp_path, step("Notes are the section of CHANGELOG.md"), f"## {__version__} ({DATE})")
-    assert made.returncode == 0, made.stderr
+def test_notes_are_one_section_with_absolute_links(tmp_path: Path) -> None:
+    process = run_step(tmp_path, step("Notes are the section of CHANGELOG.md"), f"## {__version__} ({DATE})")
+    assert process.returncode == 0, process.stderr
     notes = (tmp_path / "notes.md").read_text(encoding="utf-8")
     assert "### Generating" in notes
     assert "Older" not in notes
@@ -59,10 +59,10 @@ def test_notes_are_one_section_with_links_that_lead_somewhere(tmp_path: Path) ->
     assert [link for link in links if not link.startswith("https://")] == []
 
 
-def test_make_dist_asks_a_module_that_there_is() -> None:
-    """It failed in the rehearsal: the module that says IN_C had moved."""
-    asked = re.findall(r"import (shmgen[\w.]*) as s; assert s\.IN_C", (REPOSITORY / "Makefile").read_text())
-    assert asked == ["shmgen.runtime.engine"]
+def test_make_dist_imports_an_existing_module() -> None:
+    """Require the current name in the Makefile of the module that defines IN_C."""
+    modules = re.findall(r"import (shmgen[\w.]*) as s; assert s\.IN_C", (REPOSITORY / "Makefile").read_text())
+    assert modules == ["shmgen.runtime.engine"]
     from shmgen.runtime import engine
 
     assert isinstance(engine.IN_C, bool)

@@ -1,4 +1,4 @@
-"""`--rest` runs the tests that did not pass in the run before, so that `.ci/run` runs nothing twice."""
+"""The option `--rest` runs only tests that did not pass in the previous run, so that `.ci/run` repeats none."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def run(folder: Path, *words: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_each_test_passes_once(tmp_path: Path) -> None:
+def test_rest_runs_no_test_that_passed(tmp_path: Path) -> None:
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
     (tmp_path / "test_some.py").write_text(TESTS)
     assert run(tmp_path, "-n", "0", "-m", "not slow") == ["test_passes", "test_fails_at_first"]

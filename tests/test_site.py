@@ -1,4 +1,4 @@
-"""The site of the documentation is built without a warning, and every page is in its menu."""
+"""The documentation's site builds without a warning. Every page is in its menu and follows the rules of style."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_every_page_is_in_the_menu() -> None:
 
 
 @pytest.mark.slow
-def test_it_is_built_without_a_warning(tmp_path: Path) -> None:
+def test_site_builds_without_a_warning(tmp_path: Path) -> None:
     import_or_skip("mkdocs", reason="no mkdocs: make site installs it")
     import_or_skip("mkdocstrings", reason="no mkdocstrings: make site installs it")
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path / "site")]
@@ -37,15 +37,15 @@ def test_it_is_built_without_a_warning(tmp_path: Path) -> None:
     assert "I use ROS" in home
     assert 'property="og:image"' in home
     assert (tmp_path / "site" / "assets" / "card.png").is_file()
-    shown = re.findall(
+    members = re.findall(
         r'id="shmgen\.runtime\.(\w+)(?:\.(\w+))?"', (tmp_path / "site" / "api" / "index.html").read_text()
     )
-    assert {name for name, _ in shown} == set(runtime.__all__)
-    assert [member for _, member in shown if member.startswith("_") or member == "engine_end"] == []
+    assert {name for name, _ in members} == set(runtime.__all__)
+    assert [member for _, member in members if member.startswith("_") or member == "engine_end"] == []
 
 
-def test_pages_are_short_and_describe_no_single_run() -> None:
-    """Runs and their circumstances belong in docs/evidence."""
+def test_pages_are_short_and_describe_no_test_run() -> None:
+    """Reject months and machine loads of test runs, which belong in docs/evidence."""
     menu = (REPOSITORY / "mkdocs.yml").read_text().partition("\nnav:\n")[2]
     sections = {section: re.findall(r": (\S+\.md)$", rows, re.MULTILINE) for section, rows in SECTION.findall(menu)}
     docs, others = REPOSITORY / "docs", {*sections["Reference"], *sections["Evidence"], *sections["Contributing"]}
@@ -63,29 +63,29 @@ RUN = re.compile(rf"\b(?:{MONTHS.replace(' ', '|')}) 20\d\d|\ba load of \d|\bat 
 
 
 def test_pages_read_plainly() -> None:
-    """No forbidden opening or word, and no sentence that is too long; the rules are those of tests/test_style.py."""
+    """Reject forbidden openings, forbidden words and long sentences, with the rules of tests/test_style.py."""
     own = [REPOSITORY / "README.md", REPOSITORY / "src" / "shmgen" / "diagnostics.md"]
     pages = [*own, *sorted((REPOSITORY / "docs").rglob("*.md"))]
-    found = [finding for page in pages for finding in prose_findings(page.name, prose(page.read_text()))]
-    assert [f"{it.place}: {it.kind}: {it.text}" for it in found] == []
+    findings = [finding for page in pages for finding in prose_findings(page.name, prose(page.read_text()))]
+    assert [f"{it.place}: {it.kind}: {it.text}" for it in findings] == []
 
 
 CODE = re.compile(r"^ *```.*?^ *```|^ {4,}(?![*\d])[^\n]*|<!--.*?-->", re.MULTILINE | re.DOTALL)
-"""Blocks and lines of code, and comments."""
+"""Matches blocks and lines of code, and comments."""
 INLINE = re.compile(r"`[^`\n]*`")
 MARKS = re.compile(r"(?<=\])\([^)\s]*\)|[\[\]]|\*\*")
-"""Targets and brackets of links, and bold."""
+"""Matches targets and brackets of links, and the marks of bold text."""
 BREAKS = re.compile(r"\||\n *(?:[*-]|\d+\.) ")
-"""A sentence ends here without a full stop: at cells of tables, headings, and items of lists."""
+"""Matches the start of a table's cell or of an item: the sentence before it ends without a full stop."""
 
 
 def prose(page: str) -> str:
-    """The sentences of a page, with each cell, heading and item as a paragraph of its own."""
+    """Return the sentences of a page. Each cell, heading and item becomes its own paragraph."""
     text = re.sub(r"^#+ (.*)$", r"\n\1\n", CODE.sub("", f"\n{page}"), flags=re.MULTILINE)
     return BREAKS.sub("\n\n", MARKS.sub("", INLINE.sub("`x`", text)))
 
 
-def test_prose_leaves_code_out_and_keeps_sentences_apart() -> None:
+def test_prose_omits_code_and_separates_sentences() -> None:
     page = "# What is it\n\nRun `Of`:\n\n```sh\nOf a\n```\n\n    As code\n\n* [Of](x.md) three\n\n| Where it |\n"
-    found = [finding.text for finding in prose_findings("page", prose(page))]
-    assert found == ["What is it", "Of three", "Where it"]
+    texts = [finding.text for finding in prose_findings("page", prose(page))]
+    assert texts == ["What is it", "Of three", "Where it"]

@@ -1,4 +1,4 @@
-"""The whole Jazzy store: generated, imported, compiled, and every message through a real region and back."""
+"""All messages of Jazzy are generated, imported and compiled, and cross a region unchanged."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from .test_layout import assert_same_bytes
 
 PACKAGE = "shm_jazzy"
 UNBOUNDED = 64
-"""Messages of the store that need a bound; the other 107 of 171 do not."""
+"""The number of messages that need a bound. The other 107 of 171 need none."""
 
 
 @pytest.fixture(scope="module")
 def bounded() -> Config:
-    """Every sequence bounded to 3, each package by one line."""
+    """A configuration that bounds every sequence to 3, with one line for each package."""
     plain = Config(Path.cwd())
     packages = {entry.name.package for entry in pipeline.inventory(plain)}
     bounds = Bounds({}, {package: Bound(3, Span("shmgen.toml")) for package in packages})
@@ -40,18 +40,18 @@ def bounded() -> Config:
 
 @pytest.fixture(scope="module")
 def store(bounded: Config, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Layouts]:
-    """All of it on disk, and its layouts."""
+    """The folder with the generated files of all messages, and their layouts."""
     folder = tmp_path_factory.mktemp("store")
     names = [str(entry.name) for entry in pipeline.inventory(bounded) if entry.name.kind == "msg"]
     put(pipeline.generate(bounded, names), folder)
     return folder, pipeline.lay_out(bounded, names)
 
 
-def test_list_says_what_stops_each_message() -> None:
+def test_inventory_names_the_unbounded_fields() -> None:
     entries = pipeline.inventory(Config(Path.cwd()))
-    stopped = [entry for entry in entries if entry.size is None]
-    assert (len(entries), len(stopped)) == (171, UNBOUNDED)
-    assert all(entry.unbounded for entry in stopped)
+    unbounded = [entry for entry in entries if entry.size is None]
+    assert (len(entries), len(unbounded)) == (171, UNBOUNDED)
+    assert all(entry.unbounded for entry in unbounded)
     assert all(not entry.unbounded for entry in entries if entry.size is not None)
     (joint_state,) = [entry for entry in entries if entry.name.short == "sensor_msgs/JointState"]
     assert joint_state.unbounded[0] == "sensor_msgs/JointState.name"
@@ -63,8 +63,8 @@ DISTRIBUTIONS = re.findall(
 
 
 @pytest.mark.parametrize(("source", "count"), DISTRIBUTIONS)
-def test_every_definition_of_a_distribution_is_generated(source: str, count: str) -> None:
-    """As many as docs/ros-wire.md says."""
+def test_all_definitions_of_a_distribution_are_generated(source: str, count: str) -> None:
+    """Generate as many messages as docs/ros-wire.md states."""
     plain = Config(Path.cwd(), source=source.lower())
     names = [str(entry.name) for entry in pipeline.inventory(plain)]
     bounds = Bounds({}, {name.split("/")[0]: Bound(3, Span("shmgen.toml")) for name in names})
@@ -75,15 +75,15 @@ def test_every_definition_of_a_distribution_is_generated(source: str, count: str
         assert any(f"ST_{package}_{short}.st" in path for path in texts), name
 
 
-def test_the_page_has_all_distributions() -> None:
+def test_page_lists_all_distributions() -> None:
     assert [name for name, _ in DISTRIBUTIONS] == ["Humble", "Jazzy", "Kilted", "Lyrical"]
 
 
-def test_with_bounds_none_is_left(bounded: Config) -> None:
+def test_inventory_has_no_unbounded_message_with_bounds(bounded: Config) -> None:
     assert [entry for entry in pipeline.inventory(bounded) if entry.size is None] == []
 
 
-def test_all_of_it_is_the_same_in_ctypes(store: tuple[Path, Layouts]) -> None:
+def test_all_messages_have_the_layout_in_ctypes(store: tuple[Path, Layouts]) -> None:
     folder, layouts = store
     assert len(layouts) == 162
     for name, layout in layouts.items():
@@ -91,7 +91,7 @@ def test_all_of_it_is_the_same_in_ctypes(store: tuple[Path, Layouts]) -> None:
 
 
 @pytest.mark.parametrize("language", ["c", "c++"])
-def test_all_of_it_compiles(store: tuple[Path, Layouts], language: str) -> None:
+def test_all_headers_compile(store: tuple[Path, Layouts], language: str) -> None:
     compile_headers(store[0], language)
 
 
@@ -100,13 +100,13 @@ def test_every_message_crosses_a_region(store: tuple[Path, Layouts], topic: str)
     types = get_typestore(Stores.ROS2_JAZZY).types
     for number, (name, layout) in enumerate(layouts.items()):
         message = random_message(layout, layouts, random.Random(str(name)))
-        wanted = plain(message)
+        expected = plain(message)
         foreign = as_rosbags(message, layout, layouts, types)
-        assert crossed(folder, name, f"{topic}/m{number}", foreign) == wanted, name
+        assert cross_region(folder, name, f"{topic}/m{number}", foreign) == expected, name
 
 
 def as_rosbags(message: Any, layout: Layout, layouts: Layouts, types: Mapping[str, Any]) -> Any:
-    """The same as a dataclass of rosbags: no default constructor, numbers in ndarrays."""
+    """Convert a message to a dataclass of rosbags, which has no default constructor and keeps numbers in ndarrays."""
     stamps = {
         Clock.TIME: types["builtin_interfaces/msg/Time"],
         Clock.DURATION: types["builtin_interfaces/msg/Duration"],
@@ -134,18 +134,18 @@ def as_rosbags(message: Any, layout: Layout, layouts: Layouts, types: Mapping[st
     return types[str(layout.name)](**fields)
 
 
-def crossed(folder: Path, name: TypeName, topic: str, message: Any) -> Any:
-    """What a subscriber sees of a foreign object, and then of our own structure, read and read_into."""
+def cross_region(folder: Path, name: TypeName, topic: str, message: Any) -> Any:
+    """Publish a foreign object and then our structure. Return the fields that read and read_into return alike."""
     kind, publisher_kind, subscriber_kind = classes(folder, PACKAGE, name)
     with publisher_kind(topic) as publisher, subscriber_kind(topic) as subscriber:
         publisher.publish(message)
         read = subscriber.read()
         publisher.publish(read)
-        again = kind()
-        assert subscriber.read_into(again)
-        assert again == read
-        assert not subscriber.read_into(again)
+        second = kind()
+        assert subscriber.read_into(second)
+        assert second == read
+        assert not subscriber.read_into(second)
         publisher.publish(read)
-        assert subscriber.read_into(message)  # the foreign object itself, filled in place
+        assert subscriber.read_into(message)  # read_into also fills the foreign object
         assert plain(message) == plain(read)
         return plain(read)

@@ -18,18 +18,18 @@ from typing import NamedTuple
 from .conftest import REPOSITORY
 
 MOST = {"opening": 0, "word": 0, "long sentence": 0, "no verb": 0, "name": 0}
-"""How many findings of each kind are left. A commit that lowers one writes the lower number here."""
+"""The number of findings of each kind. A commit that lowers a number writes the lower number here."""
 
 OPENINGS = ("Of ", "As ", "What ", "Who ", "So many ", "The same ", "That ", "Where ")
-"""A sentence that begins so points at something that the reader does not know yet."""
+"""A sentence with one of these openings points at something that the reader does not know yet."""
 LONGEST = 30
-"""Words of a sentence."""
+"""The largest number of words in a sentence."""
 WORDS = re.compile(
     r"(?<!`)\b(heals?|healed|mends?|mended|complains?|complained|patience|awhile|stranger|"
     r"anew|again and again|all the same|as ever|but for|tells?|told|is said|are said|lets go of|let go of|room|"
     r"come and go|by itself|turns? round|counts? up|send out|stands? still|stood still|at hand)\b(?!`)"
 )
-"""Words that the field does not use, each with a better one in the table of CONTRIBUTING.md."""
+"""Words that the field does not use. The table of CONTRIBUTING.md contains a better word for each."""
 NAMES = frozenset(
     "said made came told kept taken given found held met heard meant gone sought shown wanted asked".split()  # noqa: SIM905
 )
@@ -45,12 +45,12 @@ class Finding(NamedTuple):
     text: str
 
 
-def test_findings_only_become_fewer() -> None:
+def test_number_of_findings_does_not_grow() -> None:
     findings = list(all_findings())
-    counts = Counter(found.kind for found in findings)
+    counts = Counter(finding.kind for finding in findings)
     worse = [kind for kind in MOST if counts[kind] > MOST[kind]]
-    shown = [f"{found.place}: {found.kind}: {found.text}" for found in findings if found.kind in worse]
-    assert not worse, f"{worse}: {counts}\n" + "\n".join(shown[-40:])
+    lines = [f"{finding.place}: {finding.kind}: {finding.text}" for finding in findings if finding.kind in worse]
+    assert not worse, f"{worse}: {counts}\n" + "\n".join(lines[-40:])
     assert {kind: counts[kind] for kind in MOST} == MOST, "fewer than before: write the lower numbers into MOST"
 
 
@@ -58,7 +58,7 @@ PYTHON = (
     "src/**/*.py", "packaging/**/*.py", "benchmarks/**/*.py", "hatch_build.py",
     "tests/support/*.py", "tests/conftest.py", "tests/*/conftest.py",
 )  # fmt: skip
-"""Python that newcomers read first. The tests themselves are not held to the rules yet."""
+"""The Python files that newcomers read first. The rules do not apply to the tests themselves yet."""
 
 
 def all_findings() -> Iterator[Finding]:
@@ -95,7 +95,7 @@ def python_findings(file: Path) -> Iterator[Finding]:
 
 
 def bound_names(node: ast.AST) -> Iterator[str]:
-    """Names that a function, a class, a parameter or an assignment introduces."""
+    """Yield the names that a function, a class, a parameter or an assignment introduces."""
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         yield node.name
     elif isinstance(node, ast.arg):
@@ -116,7 +116,7 @@ def prose_findings(place: str, text: str) -> Iterator[Finding]:
             yield Finding("opening", place, " ".join(words[:12]))
         if len(words) > LONGEST:
             yield Finding("long sentence", place, " ".join(words[:12]))
-        yield from (Finding("word", place, found.group()) for found in WORDS.finditer(sentence))
+        yield from (Finding("word", place, word.group()) for word in WORDS.finditer(sentence))
 
 
 VERBS = frozenset(
@@ -145,7 +145,7 @@ VERBS = frozenset(
 
 
 def verb_findings(place: str, doc: str) -> Iterator[Finding]:
-    """A function's docstring begins with a verb in the imperative."""
+    """Yield a finding if a function's docstring does not begin with a verb in the imperative."""
     first = re.match(r"[A-Za-z]+", doc)
     if first is None or first.group().lower() not in VERBS:
         yield Finding("no verb", place, doc.splitlines()[0][:90])

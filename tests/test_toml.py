@@ -1,4 +1,4 @@
-"""What is written as TOML is what comes back."""
+"""A document is unchanged after it was written and read as TOML."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ documents = st.dictionaries(texts, plain | st.lists(plain) | flat | st.lists(fla
 
 
 @given(documents)
-def test_tables_come_back(document: dict[str, object]) -> None:
+def test_written_document_is_read_unchanged(document: dict[str, object]) -> None:
     assert toml.loads(toml.dumps(document)) == document
 
 
-def test_what_a_person_reads() -> None:
-    said = {"bounds": {"a_msgs/B.c": 8}, "path": ["msgs"], "topics": [{"topic": "/a", "latch": True}, {"topic": "/b"}]}
-    assert toml.dumps(said) == (
+def test_written_text_is_readable() -> None:
+    tree = {"bounds": {"a_msgs/B.c": 8}, "path": ["msgs"], "topics": [{"topic": "/a", "latch": True}, {"topic": "/b"}]}
+    assert toml.dumps(tree) == (
         'path = ["msgs"]\n\n[bounds]\n"a_msgs/B.c" = 8\n\n[[topics]]\ntopic = "/a"\nlatch = true\n'
         '\n[[topics]]\ntopic = "/b"\n'
     )

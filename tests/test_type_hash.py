@@ -1,4 +1,4 @@
-"""The type hash against those that ROS 2 has computed itself, which lie beside its definitions."""
+"""Type hashes equal those that ROS 2 has computed and installed beside its definitions."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from shmgen.generator import pipeline
 
 from .support import import_or_skip, ros2
 
-OF_ROS_ITSELF = ("_Event", "_SendGoal", "_GetResult", "_FeedbackMessage")
-"""What ROS 2 makes of services and actions besides the parts that a .srv or .action spells out."""
+ADDED_BY_ROS = ("_Event", "_SendGoal", "_GetResult", "_FeedbackMessage")
+"""Types that ROS 2 derives from services and actions, in addition to the parts in a .srv or .action file."""
 
 
 @pytest.mark.parametrize("distribution", ros2.DISTRIBUTIONS)
-def test_every_definition_installed(distribution: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hashes_of_all_installed_definitions(distribution: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(ros2.prefix(distribution)))
     monkeypatch.setenv("ROS_VERSION", "2")
     theirs = ros2.hashes(distribution)
@@ -45,13 +45,13 @@ def test_every_definition_installed(distribution: str, monkeypatch: pytest.Monke
     assert len(of_services) > 20
     wholes = {name for name in theirs if f"{name}_Request" in theirs or f"{name}_Goal" in theirs}
     left = theirs.keys() - compared - wholes - {str(name) for name in TIMES.values()}
-    assert not {name for name in left if not any(part in name for part in OF_ROS_ITSELF)}
+    assert not {name for name in left if not any(part in name for part in ADDED_BY_ROS)}
     assert len(compared) > 150
 
 
 @pytest.mark.parametrize("distribution", ros2.DISTRIBUTIONS)
-def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the bridge has it, which has no other source of these."""
+def test_hashes_of_the_derived_types_of_an_action(distribution: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compare the types that the bridge derives, because no definition file contains them."""
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(ros2.prefix(distribution)))
     monkeypatch.setenv("ROS_VERSION", "2")
     schema = pipeline.read(Config(Path.cwd(), source="env"), ["test_msgs/NestedMessage"])
@@ -59,12 +59,12 @@ def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.Monk
     goal, result, feedback = (
         closure(schema, parts[f"NestedMessage_{part}"]) for part in ("Goal", "Result", "Feedback")
     )
-    said = ros2_actions.ActionInterface(ActionWire("/a", goal, result, feedback))
-    halves = [half for service in (said.send, said.cancel, said.result) for half in (service.request, service.response)]
-    ours = {str(wire[-1].name): type_hash(wire) for wire in (*halves, said.feedback.messages, said.status.messages)}
+    action = ros2_actions.ActionInterface(ActionWire("/a", goal, result, feedback))
+    halves = [half for call in (action.send, action.cancel, action.result) for half in (call.request, call.response)]
+    ours = {str(wire[-1].name): type_hash(wire) for wire in (*halves, action.feedback.messages, action.status.messages)}
     ours |= {
         str(service.type): service_hash(service.request, service.response)
-        for service in (said.send, said.cancel, said.result)
+        for service in (action.send, action.cancel, action.result)
     }
     theirs = ros2.hashes(distribution)
     assert ours == {name: theirs[name] for name in ours}
@@ -74,7 +74,7 @@ def test_what_ros_makes_of_an_action(distribution: str, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     "name", ["Arrays", "BasicTypes", "BoundedSequences", "Nested", "UnboundedSequences", "WStrings"]
 )
-def test_the_same_of_its_idl(name: str, tmp_path: Path) -> None:
+def test_hashes_of_messages_read_from_idl(name: str, tmp_path: Path) -> None:
     import_or_skip("lark")
     folder = tmp_path / "test_msgs" / "msg"
     folder.mkdir(parents=True)
@@ -84,8 +84,8 @@ def test_the_same_of_its_idl(name: str, tmp_path: Path) -> None:
     assert type_hash(read) == ros2.hashes("jazzy")[f"test_msgs/msg/{name}"]
 
 
-def test_words_that_only_idl_has(tmp_path: Path) -> None:
-    """Against rosidl_generator_type_description itself."""
+def test_hash_of_types_that_only_idl_has(tmp_path: Path) -> None:
+    """Compare with the hash of rosidl_generator_type_description."""
     import_or_skip("lark")
     file = tmp_path / "cell_msgs" / "msg" / "Words.idl"
     file.parent.mkdir(parents=True)
@@ -94,9 +94,9 @@ def test_words_that_only_idl_has(tmp_path: Path) -> None:
         " struct Words { char a; octet b; wchar c; three d; two e; sequence<char> f; sequence<octet, 4> g;"
         " uint8 i; wstring<5> j; sequence<wstring> k; }; }; };"
     )
-    asked = {"package_name": "cell_msgs", "output_dir": str(tmp_path / "out")}
-    asked["idl_tuples"] = [f"{tmp_path}/cell_msgs:msg/Words.idl"]
-    (tmp_path / "asked.json").write_text(json.dumps(asked))
+    request = {"package_name": "cell_msgs", "output_dir": str(tmp_path / "out")}
+    request["idl_tuples"] = [f"{tmp_path}/cell_msgs:msg/Words.idl"]
+    (tmp_path / "asked.json").write_text(json.dumps(request))
     code = "import sys, rosidl_generator_type_description as it; it.generate_type_hash(sys.argv[1])"
     python = ros2.prefix("jazzy") / "bin" / "python"
     subprocess.run([python, "-c", code, tmp_path / "asked.json"], check=True)
@@ -105,7 +105,7 @@ def test_words_that_only_idl_has(tmp_path: Path) -> None:
     assert type_hash(read) == theirs
 
 
-def test_bounds_of_ours_are_not_in_it() -> None:
+def test_hash_ignores_bounds_of_the_configuration() -> None:
     config = Config(Path.cwd())
     written = type_hash(pipeline.read(config, ["sensor_msgs/JointState"]).messages)
     bounded = Config(Path.cwd(), bounds=Bounds({}, {"sensor_msgs": Bound(4, Span("x"))}))
