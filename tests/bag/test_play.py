@@ -1,4 +1,4 @@
-"""`shmgen play`: the same samples again, at their pace; a bag of another layout is refused in words."""
+"""Tests of `shmgen play`: it publishes a bag's samples at their pace, and refuses a bag of another layout."""
 
 from __future__ import annotations
 
@@ -13,68 +13,68 @@ from shmgen.live.classes import publisher, subscriber
 from shmgen.tools.messages import parse
 
 from .conftest import shop
-from .test_record import FULL, full, writer_of
+from .test_record import FULL, build_full, open_writer
 
 
-def recorded(topic, registry, recording, values=range(5), pause=0.0):
-    with writer_of(registry, topic) as writer, recording(topic):
+def record_samples(topic, registry, recording, values=range(5), pause=0.0):
+    with open_writer(registry, topic) as writer, recording(topic):
         for number in values:
-            writer.publish(full(registry, small=number))
+            writer.publish(build_full(registry, small=number))
             time.sleep(pause)
 
 
-def test_all_of_it_comes_again(topic, registry, recording, tmp_path, shmgen):
-    recorded(topic, registry, recording)
+def test_play_publishes_all_samples_again(topic, registry, recording, tmp_path, shmgen):
+    record_samples(topic, registry, recording)
     assert shmgen("clean", topic).code == 0
     with subscriber(registry.message("demo_msgs/msg/Full"), topic, 15) as reader:
-        said = shmgen("play", "bag", "--rate", "100")
-        assert (said.code, said.stdout, said.stderr) == (0, "bag: 5 samples on 1 topic\n", "")
+        result = shmgen("play", "bag", "--rate", "100")
+        assert (result.code, result.stdout, result.stderr) == (0, "bag: 5 samples on 1 topic\n", "")
         samples = reader.read_all()
     assert [sample.small for sample in samples] == [0, 1, 2, 3, 4]
-    assert samples[-1] == full(registry, small=4)
+    assert samples[-1] == build_full(registry, small=4)
 
 
-def test_at_its_pace_and_from_somewhere(topic, registry, recording, tmp_path):
-    recorded(topic, registry, recording, pause=0.1)
-    for rate, start, samples, least in ((1, 0, 5, 0.4), (2, 0, 5, 0.2), (1, 0.25, 2, 0.15)):
+def test_play_keeps_the_pace_and_starts_at_an_offset(topic, registry, recording, tmp_path):
+    record_samples(topic, registry, recording, pause=0.1)
+    for rate, start, samples, shortest in ((1, 0, 5, 0.4), (2, 0, 5, 0.2), (1, 0.25, 2, 0.15)):
         player = Player(tmp_path / "bag", registry, None, print)
-        begun = time.monotonic()
+        started_at = time.monotonic()
         assert len(list(player.play(rate, start))) == samples
-        assert least <= time.monotonic() - begun + 0.01 < least + 2
+        assert shortest <= time.monotonic() - started_at + 0.01 < shortest + 2
         if rate == 2:
             assert len(list(player.play(100))) == 5  # as --loop does
             assert player.played == 10
         player.close()
 
 
-def test_what_is_played_is_chosen(topic, registry, recording, tmp_path, shmgen):
+def test_play_publishes_only_the_selected_topics(topic, registry, recording, tmp_path, shmgen):
     kind = registry.message("std_msgs/msg/Int32")
     with publisher(kind, topic, 3) as one, publisher(kind, topic + "b", 3) as two, recording(topic, topic + "b"):
         one.publish(kind(data=1))
         two.publish(kind(data=2))
-    said = shmgen("play", "bag", "--topics", topic)
-    assert (said.code, said.stdout) == (0, "bag: 1 sample on 1 topic\n")
-    said = shmgen("play", "bag", "--topics", topic + "c")
-    assert said.code == 1
-    assert said.stderr.startswith(f"bag: error[SHM704]: no topic {topic}c; the bag has {topic}, {topic}b\n")
+    result = shmgen("play", "bag", "--topics", topic)
+    assert (result.code, result.stdout) == (0, "bag: 1 sample on 1 topic\n")
+    result = shmgen("play", "bag", "--topics", topic + "c")
+    assert result.code == 1
+    assert result.stderr.startswith(f"bag: error[SHM704]: no topic {topic}c; the bag has {topic}, {topic}b\n")
     assert "there is nothing to play" in shmgen("play", "bag", "--start", "5").stderr
 
 
-def test_a_bag_of_another_layout_is_refused_in_words(topic, registry, recording, tmp_path, shmgen):
-    recorded(topic, registry, recording)
+def test_bag_of_another_layout_is_refused(topic, registry, recording, tmp_path, shmgen):
+    record_samples(topic, registry, recording)
     assert shmgen("clean", topic).code == 0
     toml = tmp_path / "shmgen.toml"
     toml.write_text(toml.read_text().replace("= 6", "= 9"))
-    said = shmgen("play", "bag")
-    assert (said.code, said.stdout) == (1, "")
-    assert f"bag: error[SHM702]: {topic} was recorded with another layout of demo_msgs/msg/Full" in said.stderr
-    assert "  layout of demo_msgs/Full changed\n" in said.stderr
-    assert "    numbers: count 6 -> 9\n" in said.stderr
-    assert shmgen("doctor", topic).code == 1  # no region was made
+    result = shmgen("play", "bag")
+    assert (result.code, result.stdout) == (1, "")
+    assert f"bag: error[SHM702]: {topic} was recorded with another layout of demo_msgs/msg/Full" in result.stderr
+    assert "  layout of demo_msgs/Full changed\n" in result.stderr
+    assert "    numbers: count 6 -> 9\n" in result.stderr
+    assert shmgen("doctor", topic).code == 1  # play created no region
 
 
-def test_bags_of_ros_itself(topic, registry, tmp_path, shmgen):
-    """Written by rosbags, as ros2 bag does it: packed, and as SQLite; a definition that is another one is refused."""
+def test_play_reads_bags_of_ros_2(topic, registry, tmp_path, shmgen):
+    """Read compressed and SQLite bags that rosbags wrote. Refuse a bag with another definition."""
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -87,22 +87,22 @@ def test_bags_of_ros_itself(topic, registry, tmp_path, shmgen):
         with bag as writer:
             channel = writer.add_connection(topic, "geometry_msgs/msg/Point", typestore=store)
             writer.write(channel, 10**18, store.serialize_cdr(Point(1.0, 2.0, 3.0), "geometry_msgs/msg/Point"))
-        said = shmgen("play", name)
-        assert (said.code, said.stderr) == (0, "")
+        result = shmgen("play", name)
+        assert (result.code, result.stderr) == (0, "")
         assert shmgen("echo", topic, "--once").stdout == "x: 1.0\ny: 2.0\nz: 3.0\n---\n"
         assert shmgen("clean", topic).code == 0
     with Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         channel = writer.add_connection(topic, "geometry_msgs/msg/Point", msgdef="float32 x\n", rihs01="RIHS01_0")
         writer.write(channel, 10**18, bytes(8))
-    said = shmgen("play", "other")
-    assert said.code == 1
-    assert "geometry_msgs/msg/Point has another definition in the bag" in said.stderr
+    result = shmgen("play", "other")
+    assert result.code == 1
+    assert "geometry_msgs/msg/Point has another definition in the bag" in result.stderr
     (tmp_path / "no.mcap").write_bytes(b"nothing of the kind")
     assert shmgen("play", "no.mcap").stderr.startswith("no.mcap: error[SHM705]: not an MCAP file\n  hint: ")
 
 
-def test_bags_say_what_was_recorded(topic, registry, recording, tmp_path):
-    recorded(topic, registry, recording)
+def test_bag_records_topic_definition_and_digest(topic, registry, recording, tmp_path):
+    record_samples(topic, registry, recording)
     channel, *messages = read.messages(tmp_path / "bag")
     assert channel.metadata["shmgen_topic"] == topic
     assert 'string WORD="a b"\n' in channel.text
@@ -111,13 +111,13 @@ def test_bags_say_what_was_recorded(topic, registry, recording, tmp_path):
     assert parse.build(registry.message("demo_msgs/msg/Full"), FULL)
 
 
-def test_damaged_bags_end_in_words_and_in_little_memory(tmp_path, shmgen):
-    """A chunk that unpacks to more than it says, a record that is longer than its file, a FIFO."""
+def test_damaged_bag_is_refused_with_little_memory(tmp_path, shmgen):
+    """Refuse chunks that unpack to more than they announce, records longer than their file, and a FIFO."""
     from rosbags.rosbag2 import storage_mcap
 
-    def chunk(size, packed, compression=b"zstd"):
-        head = struct.pack("<QQQII", 0, 0, size, 0, len(compression)) + compression + struct.pack("<Q", len(packed))
-        return mcap.MAGIC + struct.pack("<BQ", mcap.CHUNK, len(head + packed)) + head + packed
+    def chunk(size, compressed, compression=b"zstd"):
+        head = struct.pack("<QQQII", 0, 0, size, 0, len(compression)) + compression + struct.pack("<Q", len(compressed))
+        return mcap.MAGIC + struct.pack("<BQ", mcap.CHUNK, len(head + compressed)) + head + compressed
 
     bomb = storage_mcap.zstd.compress(bytes(1 << 28))
     bags = {
@@ -130,10 +130,10 @@ def test_damaged_bags_end_in_words_and_in_little_memory(tmp_path, shmgen):
         "escape": (mcap.MAGIC + mcap.channel(1, 1, "/a\x1b[2J\nb", {}).replace(b"cdr", b"abc"), "/a\\u001b[2J\\u000ab"),
     }
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for name, (data, said) in bags.items():
+    for name, (data, expected) in bags.items():
         (tmp_path / f"{name}.mcap").write_bytes(data)
-        done = shmgen("play", f"{name}.mcap")
-        assert (done.code, said in done.stderr, "\x1b[2J" in done.stderr) == (1, True, False), done.stderr
+        result = shmgen("play", f"{name}.mcap")
+        assert (result.code, expected in result.stderr, "\x1b[2J" in result.stderr) == (1, True, False), result.stderr
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 400 << 10
     os.mkfifo(tmp_path / "fifo.mcap")
     assert "not a file" in shmgen("play", "fifo.mcap").stderr

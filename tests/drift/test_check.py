@@ -1,4 +1,4 @@
-"""`check` and `diff` as a user types them: what they find, how they end, and that they write nothing."""
+"""Tests of the commands `check` and `diff`: their findings, exit codes and formats, and that they write nothing."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def write(folder: Path, files: dict[str, str]) -> None:
         (folder / path).write_text(text, encoding="utf-8")
 
 
-def files_of(folder: Path) -> int:
-    """How many files were generated there."""
+def count_generated(folder: Path) -> int:
+    """Return the number of generated files."""
     return sum(file.is_file() for file in (folder / "generated").rglob("*"))
 
 
 def check(folder: Path, options: str = "") -> Result:
-    """And that it changes nothing."""
+    """Run `shmgen check`, and assert that no file changed."""
     before = tree(folder)
     result = run(["check", *options.split()], folder)
     assert tree(folder) == before
@@ -52,19 +52,19 @@ def check(folder: Path, options: str = "") -> Result:
     return result
 
 
-def test_clean(folder: Path) -> None:
-    assert check(folder) == (0, f"generated: up to date, 2 messages in {files_of(folder)} files\n", "")
+def test_unchanged_workspace_is_up_to_date(folder: Path) -> None:
+    assert check(folder) == (0, f"generated: up to date, 2 messages in {count_generated(folder)} files\n", "")
     assert check(folder, "--format github") == (0, "", "")
     assert json.loads(check(folder, "--json").stdout) == {"worst": None, "findings": []}
 
 
-def test_quiet_prints_drift_only(folder: Path) -> None:
+def test_quiet_check_prints_only_findings(folder: Path) -> None:
     assert check(folder, "--quiet") == check(folder, "-q") == (0, "", "")
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": "float32[<=5] joints\n"})
     assert check(folder, "-q").stderr.startswith("msgs/demo_msgs/msg/Arm.msg: error[SHM401]")
 
 
-def test_without_configuration_the_lock_says_what_there_is(folder: Path) -> None:
+def test_without_shmgen_toml_the_lock_lists_the_messages(folder: Path) -> None:
     (folder / "shmgen.toml").unlink()
     assert check(folder, "-I msgs -t c").code == 0
     assert "SHM004" in check(folder, "-t c").stderr
@@ -81,50 +81,50 @@ EDITS = {
 
 @pytest.mark.parametrize("severity", EDITS)
 @pytest.mark.parametrize("fail_on", EDITS)
-def test_the_exit_code_is_chosen_with_fail_on(folder: Path, severity: str, fail_on: str) -> None:
+def test_fail_on_selects_the_exit_code(folder: Path, severity: str, fail_on: str) -> None:
     files, codes = EDITS[severity]
     lock = (folder / "generated/layout.lock").read_text()
     write(folder, {path: text + lock if path.endswith(".lock") else text for path, text in files.items()})
-    fails = list(EDITS).index(severity) <= list(EDITS).index(fail_on)
+    is_failure = list(EDITS).index(severity) <= list(EDITS).index(fail_on)
     result = check(folder, f"--fail-on {fail_on}")
-    assert (result.code, result.stdout) == (int(fails), "")
-    level = "error" if fails else "note"
+    assert (result.code, result.stdout) == (int(is_failure), "")
+    level = "error" if is_failure else "note"
     assert [code for code in codes if f"{level}[{code}]" not in result.stderr] == []
     assert result.stderr.endswith(f"{len(set(codes))} {severity}\n")  # Robot, which contains Arm, is one of its lines
     data = json.loads(check(folder, "--json").stdout)
     assert data["worst"] == severity
-    assert [found["code"] for found in data["findings"]] == codes
+    assert [finding["code"] for finding in data["findings"]] == codes
 
 
-def test_files(folder: Path) -> None:
+def test_edited_missing_and_leftover_files_are_reported(folder: Path) -> None:
     headers = folder / "generated/c/shm_msgs/demo_msgs/msg"
     (headers / "robot.h").write_text("mine")
     (headers / "arm.h").unlink()
     write(folder, {"generated/notes.txt": "ours"})
-    said = check(folder).stderr
-    assert "robot.h: error[SHM404]: generated file was edited" in said
-    assert "arm.h: error[SHM405]: generated file is missing" in said
-    assert "notes.txt" not in said
+    stderr = check(folder).stderr
+    assert "robot.h: error[SHM404]: generated file was edited" in stderr
+    assert "arm.h: error[SHM405]: generated file is missing" in stderr
+    assert "notes.txt" not in stderr
     write(folder, {"shmgen.toml": SETTINGS.replace("Robot", "Arm")})
-    said = check(folder).stderr
-    assert "demo_msgs/Robot was removed" in said
-    assert "error[SHM406]: 2 generated files are left over" in said
-    assert "robot_shm.h" in said
+    stderr = check(folder).stderr
+    assert "demo_msgs/Robot was removed" in stderr
+    assert "error[SHM406]: 2 generated files are left over" in stderr
+    assert "robot_shm.h" in stderr
     assert run(["generate", "-q"], folder).code == 0
     assert check(folder).code == 0
 
 
-def test_what_a_lost_lock_leaves_behind_is_named_and_not_removed(folder: Path) -> None:
-    """A message and a target that are gone by then; files of the user, and what shmgen did not sign, are no matter."""
+def test_files_unknown_to_a_new_lock_are_reported_and_kept(folder: Path) -> None:
+    """Report only generated files without an entry in the lock. Ignore the user's files."""
     write(folder, {"shmgen.toml": SETTINGS.replace('"c"', '"c", "st"')})
     assert run(["generate", "-q"], folder).code == 0
     (folder / "generated/layout.lock").unlink()
     write(folder, {"shmgen.toml": SETTINGS.replace("Robot", "Arm"), "generated/c/notes.txt": "ours"})
-    said = run(["generate"], folder)
-    assert said.code == 0
-    stray = "generated/c/shm_msgs/demo_msgs/msg/robot.h"
-    assert f"{stray}: not in layout.lock, so it is left over: delete it" in said.stdout
-    assert (folder / stray).is_file()
+    generate_result = run(["generate"], folder)
+    assert generate_result.code == 0
+    leftover = "generated/c/shm_msgs/demo_msgs/msg/robot.h"
+    assert f"{leftover}: not in layout.lock, so it is left over: delete it" in generate_result.stdout
+    assert (folder / leftover).is_file()
     result = check(folder)
     assert result.code == 1
     assert "error[SHM406]" in result.stderr
@@ -138,7 +138,7 @@ def test_what_a_lost_lock_leaves_behind_is_named_and_not_removed(folder: Path) -
     assert check(folder).code == 0
 
 
-def test_json_has_a_stable_shape(folder: Path) -> None:
+def test_json_output_has_the_documented_keys(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": ROBOT.replace("float64 speed", "float32 speed")})
     data = json.loads(check(folder, "--json").stdout)
     assert list(data) == ["worst", "findings"]
@@ -161,7 +161,7 @@ def test_json_has_a_stable_shape(folder: Path) -> None:
     ]
 
 
-def test_github_shows_it_at_the_definition(folder: Path) -> None:
+def test_github_annotation_points_at_the_definition(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": ROBOT.replace("speed", "velocity")})
     first, *_ = check(folder, "--format github").stdout.splitlines()
     title = "title=SHM401 layout of demo_msgs/Robot changed"
@@ -175,7 +175,7 @@ def test_github_shows_it_at_the_definition(folder: Path) -> None:
     assert result.code == 1
 
 
-def test_diff_shows_the_text(folder: Path) -> None:
+def test_option_diff_prints_a_patch_that_git_applies(folder: Path) -> None:
     before = tree(folder / "generated")
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n"})
     patch = check(folder, "--diff").stdout
@@ -185,7 +185,7 @@ def test_diff_shows_the_text(folder: Path) -> None:
     assert tree(folder / "generated") != before
 
 
-def test_what_is_rejected_is_told_as_ever(folder: Path) -> None:
+def test_invalid_definition_or_lock_is_reported(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": "float32[] joints\n"})
     assert "error[SHM101]" in check(folder).stderr
     assert json.loads(check(folder, "--json").stdout)["findings"][0]["code"] == "SHM101"
@@ -198,11 +198,11 @@ def test_what_is_rejected_is_told_as_ever(folder: Path) -> None:
 
 def git(folder: Path, *arguments: str) -> str:
     identity = ["-c", "user.name=a", "-c", "user.email=a@example.org", "-c", "init.defaultBranch=main"]
-    done = subprocess.run(["git", *identity, *arguments], cwd=folder, capture_output=True, text=True, check=True)
-    return done.stdout
+    result = subprocess.run(["git", *identity, *arguments], cwd=folder, capture_output=True, text=True, check=True)
+    return result.stdout
 
 
-def test_diff_of_locks_and_of_revisions(folder: Path) -> None:
+def test_diff_compares_locks_and_git_revisions(folder: Path) -> None:
     git(folder, "init", "-q")
     git(folder, "add", ".")
     git(folder, "commit", "-qm", "one")
@@ -210,19 +210,19 @@ def test_diff_of_locks_and_of_revisions(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": ROBOT.replace("Arm arm", "bool[3] flags\nArm arm")})
     assert run(["generate", "-q"], folder).code == 0
     git(folder, "commit", "-qam", "two")
-    said = [run(["diff", *pair.split()], folder) for pair in ("old generated", "HEAD~1 HEAD", "HEAD~1 generated")]
-    assert {result.code for result in said} == {1}
-    rests = {result.stdout.partition(": ")[2] for result in said}
-    assert len(rests) == 1
-    assert "flags   appeared at 8, bool[3]\n  arm     moved 8 -> 12\n" in rests.pop()
+    results = [run(["diff", *pair.split()], folder) for pair in ("old generated", "HEAD~1 HEAD", "HEAD~1 generated")]
+    assert {result.code for result in results} == {1}
+    changes = {result.stdout.partition(": ")[2] for result in results}
+    assert len(changes) == 1
+    assert "flags   appeared at 8, bool[3]\n  arm     moved 8 -> 12\n" in changes.pop()
     assert run(["diff", "HEAD", "generated/layout.lock"], folder) == (0, "no difference\n", "")
     assert run(["diff", "HEAD~1", "HEAD", "--fail-on", "breaking", "--json"], folder).code == 1
-    below = folder / "msgs"
-    assert run(["diff", "HEAD~1", "HEAD", "-o", "../generated"], below).code == 1
+    subfolder = folder / "msgs"
+    assert run(["diff", "HEAD~1", "HEAD", "-o", "../generated"], subfolder).code == 1
 
 
 @pytest.mark.parametrize("name", ["nowhere", "--output=x", "HEAD", ""])
-def test_diff_of_what_is_not_there(folder: Path, name: str) -> None:
+def test_diff_rejects_an_unknown_lock_or_revision(folder: Path, name: str) -> None:
     result = run(["diff", "--", name, "generated"], folder)
     assert (result.code, result.stdout) == (1, "")
     assert "error[SHM001]" in result.stderr
@@ -232,8 +232,8 @@ def test_diff_of_what_is_not_there(folder: Path, name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_killed_run_leaves_each_file_old_or_new(folder: Path) -> None:
-    """At whatever time; check says so, and the next run mends it, stray files and all."""
+def test_killed_generate_leaves_each_file_old_or_new(folder: Path) -> None:
+    """Report the interrupted run. The next run completes all files and removes temporary files."""
     old = tree(folder / "generated")
     write(
         folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n", "shmgen.toml": SETTINGS.replace("c", "python", 1)}
@@ -248,10 +248,10 @@ def test_a_killed_run_leaves_each_file_old_or_new(folder: Path) -> None:
         time.sleep(delay)
         process.send_signal(signal.SIGKILL)
         killed += process.wait() != 0
-        found = tree(folder / "generated")
-        for path, content in found.items():
+        files = tree(folder / "generated")
+        for path, content in files.items():
             assert content in (old.get(path, b""), new.get(path, b"")) or path.endswith(".tmp"), path
-        if found == new:
+        if files == new:
             break
         assert check(folder).code == 1
     assert killed
@@ -261,8 +261,8 @@ def test_a_killed_run_leaves_each_file_old_or_new(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("renames", range(0, 9, 2))
-def test_a_run_killed_between_two_renames(folder: Path, renames: int) -> None:
-    """The same, at the places that a clock seldom hits."""
+def test_generate_killed_between_two_renames_is_completed(folder: Path, renames: int) -> None:
+    """Stop the process after a given number of renames, which a timed kill seldom hits."""
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n"})
     write(folder, {"shmgen.toml": SETTINGS.replace('"c"', '"c", "python"')})
     shutil.copytree(folder, folder.parent / "whole")
@@ -281,35 +281,35 @@ os.replace = counted
 from shmgen.cli import main
 main.main()
 """
-    done = subprocess.run([sys.executable, "-c", code, "generate", "-q"], cwd=folder, check=False)
-    assert done.returncode == -signal.SIGKILL
-    said = check(folder).stderr
-    assert "error[SHM401]" in said
-    assert "error[SHM406]" in said
+    process = subprocess.run([sys.executable, "-c", code, "generate", "-q"], cwd=folder, check=False)
+    assert process.returncode == -signal.SIGKILL
+    stderr = check(folder).stderr
+    assert "error[SHM401]" in stderr
+    assert "error[SHM406]" in stderr
     assert run(["generate", "-q"], folder).code == 0
     assert tree(folder / "generated") == new
     assert check(folder).code == 0
 
 
-# --- a check that was clean before ------------------------------------------------------------------------
+# --- cached output ---------------------------------------------------------------------------------------
 
 
-def recalled(folder: Path, options: str = "", command: str = "check", **environment: str) -> Result:
-    """In a process of its own, without leave to load what runs the command in full."""
+def run_from_cache(folder: Path, options: str = "", command: str = "check", **environment: str) -> Result:
+    """Run a command in a new process that fails unless the cache answers."""
     code = "import sys; sys.modules['shmgen.cli.main'] = None; from shmgen.__main__ import main; main()"
-    words = [sys.executable, "-c", code, *command.split(), *options.split()]
-    done = subprocess.run(
-        words, cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True, check=False
+    arguments = [sys.executable, "-c", code, *command.split(), *options.split()]
+    process = subprocess.run(
+        arguments, cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True, check=False
     )
-    return Result(done.returncode, done.stdout, done.stderr)
+    return Result(process.returncode, process.stdout, process.stderr)
 
 
 @pytest.fixture
-def remembered(folder: Path) -> Path:
-    """A clean check, after the moment in which a file might still have been written."""
+def cached_check(folder: Path) -> Path:
+    """A workspace whose clean check is cached, because its files are old enough."""
     time.sleep(3 * check_cache._TICK / 1e9)
     assert check(folder).code == 0
-    assert recalled(folder) == (0, f"generated: up to date, 2 messages in {files_of(folder)} files\n", "")
+    assert run_from_cache(folder) == (0, f"generated: up to date, 2 messages in {count_generated(folder)} files\n", "")
     return folder
 
 
@@ -330,42 +330,42 @@ CHANGES = pytest.mark.parametrize(
 
 
 @CHANGES
-def test_whatever_changes_the_check_is_made_anew(remembered: Path, path: str, text: str) -> None:
-    write(remembered, {path: text})
-    assert recalled(remembered).code == 1
-    assert recalled(remembered, "--json").code == 1
+def test_changed_input_invalidates_the_cached_check(cached_check: Path, path: str, text: str) -> None:
+    write(cached_check, {path: text})
+    assert run_from_cache(cached_check).code == 1
+    assert run_from_cache(cached_check, "--json").code == 1
 
 
 @pytest.fixture
 def generated(folder: Path) -> Path:
-    """A generate with nothing to do."""
+    """A workspace in which the output of `generate` with nothing to do is cached."""
     time.sleep(3 * check_cache._TICK / 1e9)
-    said = run(["generate"], folder)
+    result = run(["generate"], folder)
     assert (
-        recalled(folder, command="generate")
-        == said
-        == (0, f"generated: 0 files written, {files_of(folder)} unchanged\n", "")
+        run_from_cache(folder, command="generate")
+        == result
+        == (0, f"generated: 0 files written, {count_generated(folder)} unchanged\n", "")
     )
     return folder
 
 
 @CHANGES
-def test_whatever_changes_generate_runs(generated: Path, path: str, text: str) -> None:
+def test_changed_input_invalidates_the_cached_generate(generated: Path, path: str, text: str) -> None:
     write(generated, {path: text})
-    assert recalled(generated, command="generate").code == 1
+    assert run_from_cache(generated, command="generate").code == 1
 
 
-def test_what_generate_has_just_written_is_remembered_as_it_wrote_it(folder: Path) -> None:
+def test_generate_caches_the_files_that_it_just_wrote(folder: Path) -> None:
     for text in (f"{ARM}bool last\n", f"{ARM}bool best\n"):
         write(folder, {"msgs/demo_msgs/msg/Arm.msg": text})
         time.sleep(3 * check_cache._TICK / 1e9)
         assert run(["generate", "-q"], folder).code == 0
-        assert recalled(folder, "-q", "generate") == (0, "", "")
+        assert run_from_cache(folder, "-q", "generate") == (0, "", "")
     write(folder, {"generated/c/shm_msgs/demo_msgs/msg/arm.h": "mine"})
-    assert recalled(folder, "-q", "generate").code == 1
+    assert run_from_cache(folder, "-q", "generate").code == 1
 
 
-def test_what_another_run_is_staging_is_not_remembered(folder: Path) -> None:
+def test_nothing_is_cached_while_another_run_stages_files(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n"})
     time.sleep(3 * check_cache._TICK / 1e9)
     code = """
@@ -381,21 +381,21 @@ from shmgen.cli import main
 main.main()
 """
     assert subprocess.run([sys.executable, "-c", code, "generate", "-q"], cwd=folder, check=False).returncode == 0
-    assert recalled(folder, "-q", "generate").code == 1
+    assert run_from_cache(folder, "-q", "generate").code == 1
 
 
-def test_a_depfile_that_is_gone_is_written_again(generated: Path) -> None:
+def test_deleted_depfile_invalidates_the_cached_generate(generated: Path) -> None:
     command = ["generate", "-q", "--depfile", "X.d"]
     assert run(command, generated).code == 0
     time.sleep(3 * check_cache._TICK / 1e9)
     assert run(command, generated).code == 0
-    assert recalled(generated, "", " ".join(command)) == (0, "", "")
+    assert run_from_cache(generated, "", " ".join(command)) == (0, "", "")
     (generated / "X.d").unlink()
-    assert recalled(generated, "", " ".join(command)).code == 1
+    assert run_from_cache(generated, "", " ".join(command)).code == 1
 
 
 @pytest.mark.parametrize(
-    ("words", "at", "shell", "known"),
+    ("line", "at", "shell", "is_cached"),
     [
         ("shmgen gen", "1", "bash", True),
         ("shmgen check --fa", "2", "zsh", True),
@@ -405,48 +405,48 @@ def test_a_depfile_that_is_gone_is_written_again(generated: Path) -> None:
         ("shmgen echo /a --field x", "4", "bash", False),
     ],
 )
-def test_what_completes_a_command_or_an_option_is_remembered(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, words: str, at: str, shell: str, known: bool
+def test_shell_completion_of_commands_and_options_is_cached(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, line: str, at: str, shell: str, is_cached: bool
 ) -> None:
-    for name, value in {"COMP_WORDS": words, "COMP_CWORD": at, "_SHMGEN_COMPLETE": f"{shell}_complete"}.items():
+    for name, value in {"COMP_WORDS": line, "COMP_CWORD": at, "_SHMGEN_COMPLETE": f"{shell}_complete"}.items():
         monkeypatch.setenv(name, value)
     program = "import sys; sys.argv[0] = 'shmgen'; from shmgen.__main__ import main; main()"
-    done = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=True)
-    again = recalled(folder, command="")
-    assert (again.code == 0) == known
-    assert not known or again.stdout == done.stdout
+    first = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=True)
+    cached = run_from_cache(folder, command="")
+    assert (cached.code == 0) == is_cached
+    assert not is_cached or cached.stdout == first.stdout
 
 
-def test_the_version_is_remembered_for_each_engine(folder: Path) -> None:
-    said = run(["--version"], folder)
+def test_version_is_cached_for_each_engine(folder: Path) -> None:
+    result = run(["--version"], folder)
     command = [sys.executable, "-m", "shmgen", "--version"]
     first = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
-    assert recalled(folder, "", "--version") == (0, first, "") == said
-    assert recalled(folder, "", "--version", SHMGEN_PURE="1").code == 1
+    assert run_from_cache(folder, "", "--version") == (0, first, "") == result
+    assert run_from_cache(folder, "", "--version", SHMGEN_PURE="1").code == 1
 
 
-def test_a_change_that_keeps_size_and_time_is_seen(remembered: Path) -> None:
-    file = remembered / "msgs/demo_msgs/msg/Arm.msg"
+def test_change_that_keeps_size_and_time_is_detected(cached_check: Path) -> None:
+    file = cached_check / "msgs/demo_msgs/msg/Arm.msg"
     state = file.stat()
     file.write_text(ARM.replace("4", "5"))
     os.utime(file, ns=(state.st_atime_ns, state.st_mtime_ns))
-    assert recalled(remembered).code == 1
+    assert run_from_cache(cached_check).code == 1
 
 
-def test_what_changes_while_it_is_checked_is_not_remembered(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(check_cache, "_TICK", 10**9)  # so that a busy machine does not take longer before it begins
+def test_file_changed_during_a_check_prevents_caching(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(check_cache, "_TICK", 10**9)  # the touched file counts as new even on a slow machine
     (folder / "msgs/demo_msgs/msg/Arm.msg").touch()
     assert check(folder).code == 0
-    assert recalled(folder).code == 1
+    assert run_from_cache(folder).code == 1
 
 
-def test_a_damaged_memory_is_none(remembered: Path) -> None:
-    (kept,) = (remembered.parent / "cache/shmgen").glob("clean-*")
-    kept.write_bytes(b"\xff")
-    assert recalled(remembered).code == 1
+def test_damaged_cache_entry_is_ignored(cached_check: Path) -> None:
+    (entry,) = (cached_check.parent / "cache/shmgen").glob("clean-*")
+    entry.write_bytes(b"\xff")
+    assert run_from_cache(cached_check).code == 1
 
 
-def test_only_the_newest_are_kept(folder: Path) -> None:
+def test_cache_keeps_only_the_newest_entries(folder: Path) -> None:
     time.sleep(3 * check_cache._TICK / 1e9)
     for number in range(25):
         assert check(folder, f"-I {'./' * number}msgs").code == 0

@@ -1,7 +1,7 @@
-"""A real headless Chromium, driven by its DevTools protocol: pages, keys, clicks on words, pictures.
+"""A real headless Chromium, controlled through its DevTools protocol: pages, keys, clicks on words, pictures.
 
-What stands where on the page of `shmgen view` is known from the bytes that its WebSocket brought, by a terminal of our
-own; where that is in the window is asked of the canvas that is seen, not of what catches the mouse.
+A terminal emulator reads the bytes of the page's WebSocket, and so finds the position of a text in `shmgen view`. The
+visible canvas gives the place of that position in the window.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ import pyte
 import pytest
 
 
-def program() -> str:
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if found is None:
+def find_chromium() -> str:
+    path = shutil.which("chromium") or shutil.which("chromium-browser")
+    if path is None:
         pytest.skip("no Chromium: apt-get install chromium")
-    return found
+    return path
 
 
 class Page:
-    """`async with Page() as page`: one tab, 1280 by 800 or as `resize` says."""
+    """A tab of 1280 by 800 pixels, or of the size that `resize` sets: `async with Page() as page`."""
 
     def __init__(self) -> None:
-        self._program = program()
+        self._program = find_chromium()
         self.asked: list[str] = []
-        """Addresses that the page asked for, WebSockets too."""
+        """Addresses that the page requested, including WebSockets."""
         self.screen = pyte.Screen(80, 24)
-        """What a terminal shows of all that the newest WebSocket has brought."""
+        """The terminal screen that the bytes of the newest WebSocket draw."""
         self._number = 0
 
     async def __aenter__(self) -> Page:
@@ -71,22 +71,22 @@ class Page:
         self._number += 1
         await self._socket.send_json({"id": self._number, "method": method, "params": parameters})
         while True:
-            said = json.loads((await self._socket.receive(timeout=60)).data)
-            if said.get("id") == self._number:
-                return dict(said.get("result", said))
-            self._heed(said.get("method", ""), said.get("params", {}))
+            response = json.loads((await self._socket.receive(timeout=60)).data)
+            if response.get("id") == self._number:
+                return dict(response.get("result", response))
+            self._handle_event(response.get("method", ""), response.get("params", {}))
 
-    def _heed(self, method: str, about: dict[str, Any]) -> None:
+    def _handle_event(self, method: str, parameters: dict[str, Any]) -> None:
         match method:
             case "Network.requestWillBeSent":
-                self.asked.append(about["request"]["url"])
+                self.asked.append(parameters["request"]["url"])
             case "Network.webSocketCreated":
-                self.asked.append(about["url"])
-                size = {name: int(values[0]) for name, values in parse_qs(urlsplit(about["url"]).query).items()}
+                self.asked.append(parameters["url"])
+                size = {name: int(values[0]) for name, values in parse_qs(urlsplit(parameters["url"]).query).items()}
                 self.screen = pyte.Screen(size.get("width", 80), size.get("height", 24))
                 self._terminal = pyte.ByteStream(self.screen)
-            case "Network.webSocketFrameReceived" if about["response"]["opcode"] == 2:
-                self._terminal.feed(base64.b64decode(about["response"]["payloadData"]))
+            case "Network.webSocketFrameReceived" if parameters["response"]["opcode"] == 2:
+                self._terminal.feed(base64.b64decode(parameters["response"]["payloadData"]))
 
     async def resize(self, width: int, height: int) -> None:
         size = {"width": width, "height": height}
@@ -96,9 +96,9 @@ class Page:
         await self.call("Page.navigate", url=address)
 
     async def run(self, script: str) -> Any:
-        """The value of an expression, awaited."""
-        said = await self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        return said.get("result", {}).get("value", said)
+        """Evaluate an expression, await its result, and return the value."""
+        response = await self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        return response.get("result", {}).get("value", response)
 
     async def press(self, *keys: str) -> None:
         codes = {"Enter": ("\r", 13), "ArrowDown": ("", 40), "Escape": ("", 27)}
@@ -110,7 +110,7 @@ class Page:
             await asyncio.sleep(0.05)
 
     async def until(self, text: str) -> tuple[int, int]:
-        """The first line that shows it, and the column."""
+        """Wait until the screen shows `text`. Return its line and column."""
         for _ in range(300):
             await self.run("document.body.classList.contains('-first-byte')")
             for number, line in enumerate(self.screen.display):
@@ -120,15 +120,15 @@ class Page:
         raise AssertionError(f"no {text!r} in\n" + "\n".join(self.screen.display))
 
     async def canvas(self) -> dict[str, float]:
-        """Where in the window is what is drawn."""
+        """Return the edges of the visible canvas in the window."""
         edges = "(({left, top, right, bottom}) => ({left, top, right, bottom}))"
         return dict(await self.run(f"{edges}(document.querySelector('.xterm-screen canvas').getBoundingClientRect())"))
 
     async def click_on(self, text: str) -> None:
-        """Where a person sees it."""
-        (line, column), drawn = await self.until(text), await self.canvas()
-        x = drawn["left"] + (column + len(text) / 2) * (drawn["right"] - drawn["left"]) / self.screen.columns
-        y = drawn["top"] + (line + 0.5) * (drawn["bottom"] - drawn["top"]) / self.screen.lines
+        """Move the mouse to the middle of `text` on the canvas, and click."""
+        (line, column), canvas = await self.until(text), await self.canvas()
+        x = canvas["left"] + (column + len(text) / 2) * (canvas["right"] - canvas["left"]) / self.screen.columns
+        y = canvas["top"] + (line + 0.5) * (canvas["bottom"] - canvas["top"]) / self.screen.lines
         await self.click(int(x), int(y))
 
     async def click(self, x: int, y: int) -> None:
@@ -136,7 +136,7 @@ class Page:
             await self.call("Input.dispatchMouseEvent", type=type_, x=x, y=y, button="left", clickCount=1)
 
     async def picture(self, file: Path | None = None) -> bytes:
-        """PNG."""
+        """Return a PNG of the tab, and write it to `file` if given."""
         data = base64.b64decode((await self.call("Page.captureScreenshot", format="png"))["data"])
         if file:
             file.write_bytes(data)

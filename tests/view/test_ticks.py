@@ -1,4 +1,4 @@
-"""The numbers beside the curves of `shmgen view` are round, few, and never -0.00."""
+"""Tests of the ticks beside the curves of `shmgen view`: they are round, few, and never -0.00."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from shmgen.view.curves import round_ticks
 
 
 @pytest.mark.parametrize(
-    ("least", "most", "shown"),
+    ("minimum", "maximum", "expected"),
     [
         (-1.0, 0.99, "-1 -0.5 0 0.5"),
         (-0.9999, 1.0, "-0.5 0 0.5 1"),
@@ -20,5 +20,5 @@ from shmgen.view.curves import round_ticks
         (-1e308, 1e308, ""),
     ],
 )
-def test_ticks(least: float, most: float, shown: str) -> None:
-    assert " ".join(f"{tick:.10g}" for tick in round_ticks(least, most)) == shown
+def test_ticks_are_round_and_few(minimum: float, maximum: float, expected: str) -> None:
+    assert " ".join(f"{tick:.10g}" for tick in round_ticks(minimum, maximum)) == expected

@@ -1,4 +1,4 @@
-"""`shmgen view`: the screens, the gate around the page, and the page in a real browser."""
+"""Tests of `shmgen view`: its screens, the access control of its page, and the page in a real browser."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def registry(tmp_path):
 
 
 @pytest.fixture
-def first(topic):
-    """A topic above those of other tests, which come and go: no row moves between a look and a click."""
+def top_topic(topic):
+    """A topic that sorts above the topics of other tests, so that no row moves between a look and a click."""
     name = topic.replace("/shmgen_test/", "/a_click/")
     yield name
     for file in Path("/dev/shm").glob(f"*{name[1:].replace('/', '.')}*"):
@@ -60,22 +60,22 @@ def first(topic):
 
 
 @pytest.fixture
-def moving(first, registry):
-    """A pose that goes round, at 100 Hz, with a name that would like to be more than text."""
-    kind, over = registry.message("geometry_msgs/msg/PoseStamped"), threading.Event()
+def pose(top_topic, registry):
+    """A pose that circles at 100 Hz, with a frame name that contains markup and control characters."""
+    kind, stopping = registry.message("geometry_msgs/msg/PoseStamped"), threading.Event()
 
     def publish():
         angle = 0.0
-        while not over.wait(0.01):
+        while not stopping.wait(0.01):
             angle += 0.05
             position = {"x": math.sin(angle), "y": math.cos(angle), "z": 2.5}
             writer.publish(parse.build(kind, {"header": {"frame_id": HOSTILE}, "pose": {"position": position}}))
 
-    with publisher(kind, first, 3) as writer:
+    with publisher(kind, top_topic, 3) as writer:
         thread = threading.Thread(target=publish)
         thread.start()
-        yield first
-        over.set()
+        yield top_topic
+        stopping.set()
         thread.join()
 
 
@@ -87,40 +87,40 @@ async def until(pilot, condition):
     raise AssertionError
 
 
-def nodes(screen):
-    """The lines of the tree by their paths, those of closed arrays too."""
-    waiting, found = [screen.query_one(Tree).root], {}
-    while waiting:
-        node = waiting.pop()
-        waiting += node.children
-        found |= {node.data.path: node} if node.data and not node.data.is_more else {}
-    return found
+def find_nodes(screen):
+    """Return the lines of the tree by path, including lines of closed arrays."""
+    pending, find_nodes = [screen.query_one(Tree).root], {}
+    while pending:
+        node = pending.pop()
+        pending += node.children
+        find_nodes |= {node.data.path: node} if node.data and not node.data.is_more else {}
+    return find_nodes
 
 
-def test_table_fields_curves_and_memory(moving, registry):
+def test_screens_show_regions_fields_curves_and_memory(pose, registry):
     async def walk():
         app = Viewer(registry, allow_write=False)
         async with app.run_test(size=(150, 40)) as pilot:
-            await until(pilot, lambda: app.screen.query(DataTable) and moving in app.screen.query_one(DataTable).rows)
+            await until(pilot, lambda: app.screen.query(DataTable) and pose in app.screen.query_one(DataTable).rows)
             table = app.screen.query_one(DataTable)
-            row = [str(cell) for cell in table.get_row(moving)]
-            assert (row[0], row[1], row[4]) == ("ok", moving, "geometry_msgs/msg/PoseStamped")
-            table.move_cursor(row=list(table.rows).index(moving))
+            row = [str(cell) for cell in table.get_row(pose)]
+            assert (row[0], row[1], row[4]) == ("ok", pose, "geometry_msgs/msg/PoseStamped")
+            table.move_cursor(row=list(table.rows).index(pose))
             await pilot.press("enter")
             await until(pilot, lambda: app.screen.query(Tree))
             screen = app.screen
-            labels = lambda: {path: str(node.label) for path, node in nodes(screen).items()}  # noqa: E731
+            labels = lambda: {path: str(node.label) for path, node in find_nodes(screen).items()}  # noqa: E731
             await until(pilot, lambda: "2.5" in labels()["pose.position.z"])
             assert labels()["header.frame_id"].startswith("frame_id: '[red]x[/red]<img")
             assert "\x1b" not in labels()["header.frame_id"]
-            node = nodes(screen)["pose.position.x"]
+            node = find_nodes(screen)["pose.position.x"]
             screen.query_one(Tree).move_cursor(node)
             await pilot.press("enter")
             await until(pilot, lambda: len(screen._source.curves.get("pose.position.x", ())) > 10)
             await pilot.press("p", "+", "[")
-            held = labels()
+            paused_labels = labels()
             await pilot.pause(0.5)
-            assert labels() == held
+            assert labels() == paused_labels
             screen.query_one(TabbedContent).active = "memory"
             await until(pilot, lambda: screen.query_one(Memory).size.height > 3)
             line = screen.query_one(Memory).render_line(1).text
@@ -134,9 +134,9 @@ def test_table_fields_curves_and_memory(moving, registry):
 
 
 @pytest.mark.slow
-def test_fields_on_the_command_line_are_plotted_at_once(moving, registry):
+def test_fields_of_the_command_line_are_plotted(pose, registry):
     async def walk():
-        app = Viewer(registry, allow_write=False, topic=moving, fields=("pose.position.x", "header.frame_id"))
+        app = Viewer(registry, allow_write=False, topic=pose, fields=("pose.position.x", "header.frame_id"))
         async with app.run_test(size=(150, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(Tree))
             curves = app.screen._source.curves
@@ -151,34 +151,32 @@ def test_fields_on_the_command_line_are_plotted_at_once(moving, registry):
 
 
 @pytest.mark.slow
-def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_what_is_wider(
-    topic, registry, monkeypatch
-):
-    """Each narrower cell measures its whole column: with 200 regions that took most of a core."""
+def test_table_measures_only_wider_cells_and_rests_while_hidden(topic, registry, monkeypatch):
+    """Measure a column only for a wider cell. With 200 regions, measuring took most of a CPU core."""
 
     async def walk():
         app = Viewer(registry, allow_write=False)
         async with app.run_test(size=(150, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(DataTable) and topic in app.screen.query_one(DataTable).rows)
-            regions, looks, measured, update = app.screen, [], [], DataTable.update_cell
-            mine = next(row for row in overview.look({}) if row.topic == topic)
+            regions, polls, updates, update = app.screen, [], [], DataTable.update_cell
+            own_row = next(row for row in overview.look({}) if row.topic == topic)
 
-            def updated(self, row, column, value, *, update_width):
-                measured.append((column, str(value), update_width))
+            def record_update(self, row, column, value, *, update_width):
+                updates.append((column, str(value), update_width))
                 update(self, row, column, value, update_width=update_width)
 
-            monkeypatch.setattr(DataTable, "update_cell", updated)
-            for missed, wider in ((0, None), (1, False), (12_345_678, True), (7, False)):
-                row = dataclasses.replace(mine, missed=missed)
-                monkeypatch.setattr(overview, "look", lambda past, row=row: looks.append(1) or [row])
+            monkeypatch.setattr(DataTable, "update_cell", record_update)
+            for missed, is_wider in ((0, None), (1, False), (12_345_678, True), (7, False)):
+                row = dataclasses.replace(own_row, missed=missed)
+                monkeypatch.setattr(overview, "look", lambda past, row=row: polls.append(1) or [row])
                 regions.look()
-                assert wider is None or measured[-1] == ("MISSED", f"{missed:,}", wider)
+                assert is_wider is None or updates[-1] == ("MISSED", f"{missed:,}", is_wider)
                 await pilot.pause()
             app.open(topic)
             await until(pilot, lambda: app.screen.query(Tree))
-            looks.clear()
+            polls.clear()
             regions.look()
-            assert looks == []
+            assert polls == []
 
     with publisher(registry.message("std_msgs/msg/Int32"), topic, 1):
         asyncio.run(walk())
@@ -186,7 +184,7 @@ def test_the_table_is_not_looked_after_where_nobody_sees_it_and_measures_only_wh
 
 @pytest.fixture
 def joints(tmp_path):
-    """Knows JointState with a sequence of up to 1,000 names, and a message of float32."""
+    """A registry for JointState with sequences of at most 1,000 elements, and for a message with float32 fields."""
     put(
         {
             "msgs/f_msgs/msg/F.msg": "float32 x\nfloat32[2] fixed\nfloat32[<=9] many\nCell[<=9] cells\n",
@@ -199,19 +197,19 @@ def joints(tmp_path):
 
 
 @pytest.mark.slow
-def test_arrays_and_sequences_open_and_their_elements_are_plotted(topic, joints):
-    """Six joints, then four, then a thousand; elements come a page at a time."""
+def test_elements_of_arrays_are_shown_in_pages_and_plotted(topic, joints):
+    """Show six joints, then four, then a thousand in pages of 100 elements."""
     kind = joints.message("sensor_msgs/msg/JointState")
 
     async def walk(writer):
         app = Viewer(joints, allow_write=False, topic=topic)
         async with app.run_test(size=(120, 60)) as pilot:
-            await until(pilot, lambda: app.screen.query(Tree) and "position" in nodes(app.screen))
+            await until(pilot, lambda: app.screen.query(Tree) and "position" in find_nodes(app.screen))
             screen, tree = app.screen, app.screen.query_one(Tree)
-            label = lambda path: str(nodes(screen)[path].label) if path in nodes(screen) else ""  # noqa: E731
+            label = lambda path: str(find_nodes(screen)[path].label) if path in find_nodes(screen) else ""  # noqa: E731
             await until(pilot, lambda: label("position") == "position: 6 elements, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]")
             assert label("effort") == "effort: 0 elements"
-            tree.move_cursor(nodes(screen)["position"])
+            tree.move_cursor(find_nodes(screen)["position"])
             await pilot.press("enter")
             await until(pilot, lambda: label("position[5]") == "[5]: 0.5")
             for _ in range(3):
@@ -220,11 +218,11 @@ def test_arrays_and_sequences_open_and_their_elements_are_plotted(topic, joints)
             await until(pilot, lambda: all(screen._source.curves.get(f"position[{it}]") for it in range(3)))
             await until(pilot, lambda: label("position[0]") == "● [0]: 1.0")
             writer.publish(kind(position=[2.0] * 4))
-            await until(pilot, lambda: "position[4]" not in nodes(screen))
+            await until(pilot, lambda: "position[4]" not in find_nodes(screen))
             writer.publish(kind(position=[3.0] * 1000))
-            await until(pilot, lambda: "position[99]" in nodes(screen))
-            node = nodes(screen)["position"]
-            assert "position[100]" not in nodes(screen)
+            await until(pilot, lambda: "position[99]" in find_nodes(screen))
+            node = find_nodes(screen)["position"]
+            assert "position[100]" not in find_nodes(screen)
             assert str(node.children[-1].label) == "… 900 more: Enter shows 100 of them"
             tree.move_cursor(node.children[-1])
             await pilot.press("enter")
@@ -237,20 +235,20 @@ def test_arrays_and_sequences_open_and_their_elements_are_plotted(topic, joints)
 
 
 @pytest.mark.slow
-def test_messages_in_arrays_open_too_and_a_float32_has_its_own_digits(topic, joints):
+def test_nested_arrays_expand_and_float32_prints_short(topic, joints):
     kind = joints.message("f_msgs/msg/F")
 
     async def walk():
         app = Viewer(joints, allow_write=True, topic=topic)
         async with app.run_test(size=(120, 60)) as pilot:
-            await until(pilot, lambda: app.screen.query(Tree) and "x" in nodes(app.screen))
+            await until(pilot, lambda: app.screen.query(Tree) and "x" in find_nodes(app.screen))
             screen = app.screen
-            label = lambda path: str(nodes(screen)[path].label) if path in nodes(screen) else ""  # noqa: E731
+            label = lambda path: str(find_nodes(screen)[path].label) if path in find_nodes(screen) else ""  # noqa: E731
             await until(pilot, lambda: label("x") == "x: 0.01")
             assert label("fixed") == "fixed: 2 elements, [0.1, 3.4028235e+38]"
             for path in ("cells", "cells[1]", "cells[1].v"):
-                await until(pilot, lambda path=path: path in nodes(screen))
-                nodes(screen)[path].expand()
+                await until(pilot, lambda path=path: path in find_nodes(screen))
+                find_nodes(screen)[path].expand()
             await until(pilot, lambda: label("cells[1].v[2]") == "[2]: 0.7")
             assert "x: 0.01\n" in screen.query_one(TextArea).text
 
@@ -261,16 +259,16 @@ def test_messages_in_arrays_open_too_and_a_float32_has_its_own_digits(topic, joi
         asyncio.run(walk())
 
 
-def test_a_damaged_count_is_shown_and_ends_nothing(topic, joints):
+def test_damaged_count_is_shown(topic, joints):
     kind, cell = joints.message("f_msgs/msg/F"), joints.message("f_msgs/msg/Cell")
 
     async def walk():
         app = Viewer(joints, allow_write=True, topic=topic)
         async with app.run_test(size=(120, 60)) as pilot:
             for path in ("cells", "cells[0]"):
-                await until(pilot, lambda path=path: app.screen.query(Tree) and path in nodes(app.screen))
-                nodes(app.screen)[path].expand()
-            line = lambda: str(nodes(app.screen)["cells[0].v"].label)  # noqa: E731
+                await until(pilot, lambda path=path: app.screen.query(Tree) and path in find_nodes(app.screen))
+                find_nodes(app.screen)[path].expand()
+            line = lambda: str(find_nodes(app.screen)["cells[0].v"].label)  # noqa: E731
             await until(pilot, lambda: line().startswith("v: damaged: ") and "4,294,967,295" in line())
             assert "x: 0.0\n" in app.screen.query_one(TextArea).text
 
@@ -286,7 +284,7 @@ def test_a_damaged_count_is_shown_and_ends_nothing(topic, joints):
 
 
 @pytest.mark.slow
-def test_select_all_and_type_replaces_the_draft(topic, registry):
+def test_select_all_and_typing_replaces_the_draft(topic, registry):
     kind = registry.message("std_msgs/msg/Bool")
 
     async def walk():
@@ -295,22 +293,22 @@ def test_select_all_and_type_replaces_the_draft(topic, registry):
             await until(pilot, lambda: app.screen.query(TextArea))
             screen = app.screen
             screen.query_one(TabbedContent).active = "publish"
-            offered = lambda: {it.binding.action for it in screen.active_bindings.values() if it.enabled}  # noqa: E731
-            assert {"pause", "leave"} <= offered()
+            actions = lambda: {it.binding.action for it in screen.active_bindings.values() if it.enabled}  # noqa: E731
+            assert {"pause", "leave"} <= actions()
             screen.query_one(TextArea).focus()
             await until(pilot, lambda: screen.focused is screen.query_one(TextArea))
-            assert not {"pause", "leave", "zoom(2)"} & offered()
-            assert "select_all" in offered()
+            assert not {"pause", "leave", "zoom(2)"} & actions()
+            assert "select_all" in actions()
             await pilot.press("ctrl+a", *"data: true")
             assert screen.query_one(TextArea).text == "data: true"
             screen.query_one(Tree).focus()
-            await until(pilot, lambda: "pause" in offered())
+            await until(pilot, lambda: "pause" in actions())
 
     with subscriber(kind, topic, 1):
         asyncio.run(walk())
 
 
-def test_a_long_name_leaves_the_other_columns_in_the_window(topic, registry):
+def test_long_topic_name_is_shortened_in_the_table(topic, registry):
     name = f"{topic}/{'long/' * 16}end"
 
     async def walk():
@@ -329,30 +327,30 @@ def test_a_long_name_leaves_the_other_columns_in_the_window(topic, registry):
         asyncio.run(walk())
 
 
-def test_a_sample_by_hand_only_where_it_is_allowed(topic, registry):
+def test_publish_tab_sends_a_sample_or_shows_the_error(topic, registry):
     kind = registry.message("std_msgs/msg/Int32")
 
     async def walk():
         app = Viewer(registry, allow_write=True, topic=topic)
         async with app.run_test(size=(120, 40)) as pilot:
             await until(pilot, lambda: app.screen.query(TextArea))
-            said = app.screen.query_one("#result")
+            result = app.screen.query_one("#result")
             app.screen.query_one(TabbedContent).active = "publish"
-            for text, answer in (
+            for text, expected in (
                 ("data: 7", "published sample 1"),
                 ("data: x", "error: data: 'x' is str, not int32"),
             ):
                 app.screen.query_one(TextArea).text = text
                 await until(pilot, lambda: app.screen.query_one("#send").region.height > 0)
                 await pilot.click("#send")
-                await until(pilot, lambda answer=answer: str(said.render()).startswith(answer))
+                await until(pilot, lambda expected=expected: str(result.render()).startswith(expected))
 
     with subscriber(kind, topic, 1) as reader:
         asyncio.run(walk())
         assert reader.read().data == 7
 
 
-def test_a_source_follows_its_region(topic, registry, tmp_path):
+def test_source_reopens_a_replaced_region(topic, registry, tmp_path):
     from ..support.command import run
 
     source = None
@@ -374,7 +372,7 @@ def test_a_source_follows_its_region(topic, registry, tmp_path):
 
 
 class Server:
-    """`shmgen view` in a folder without shmgen.toml, and what it has printed."""
+    """`shmgen view` in a folder without shmgen.toml, with the address that it printed."""
 
     def __init__(self, folder, *options, **environment):
         command = [sys.executable, "-m", "shmgen", "view", "--port", "0", *options]
@@ -384,8 +382,8 @@ class Server:
         self.address, _, self.token = self.url.partition("/?token=")
         assert self.process.stdout.readline() == "Ctrl-C ends it\n"
 
-    def next(self):
-        """The address that opens after one has been used."""
+    def next_url(self):
+        """Return the address for another browser, which the server prints after the former address was used."""
         return self.process.stdout.readline().removeprefix("opened; for another browser: ").strip()
 
     def close(self):
@@ -397,7 +395,7 @@ class Server:
 
 @pytest.fixture
 def server(tmp_path):
-    """Starts one with options."""
+    """A function that starts `shmgen view` with options."""
     servers = []
 
     def start(*options, **environment):
@@ -405,11 +403,11 @@ def server(tmp_path):
         return servers[-1]
 
     yield start
-    for each in servers:
-        each.close()
+    for server in servers:
+        server.close()
 
 
-def test_nobody_else_gets_in(server):
+def test_page_rejects_requests_without_token_cookie_or_origin(server):
     page = server()
     address = page.address
 
@@ -425,16 +423,16 @@ def test_nobody_else_gets_in(server):
             answer.close()
             return 101, answer.headers, ""
 
-    async def knock():
+    async def send_requests():
         async with aiohttp.ClientSession(cookie_jar=aiohttp.DummyCookieJar()) as session:
             for guess in ("", "?token=guessed", "?token=%C3%A9", "?token=%ff"):
                 assert (await status(session, f"/{guess}", {}))[0] == 403
-            entered, headers, _ = await status(session, f"/?token={page.token}", {})
+            first_status, headers, _ = await status(session, f"/?token={page.token}", {})
             cookie, folder = headers["Set-Cookie"], headers["Refresh"].removeprefix("0; url=")
-            assert entered == 200
+            assert first_status == 200
             assert {"HttpOnly", "SameSite=Strict", f"Path={folder}"} <= set(cookie.split("; "))
             own = {"Cookie": cookie.partition(";")[0]}
-            for path, headers, wanted in (
+            for path, headers, expected in (
                 (f"/?token={page.token}", {}, 403),
                 ("/", own, 404),
                 (folder, {}, 403),
@@ -449,23 +447,23 @@ def test_nobody_else_gets_in(server):
                 (f"{folder}ws", {"Origin": address}, 403),
                 (f"{folder}ws", own | {"Origin": address}, 101),
             ):
-                assert (await status(session, path, headers))[0] == wanted, (path, headers)
-            found, _, text = await status(session, folder, own)
-            assert found == 200
+                assert (await status(session, path, headers))[0] == expected, (path, headers)
+            page_status, _, text = await status(session, folder, own)
+            assert page_status == 200
             assert not re.findall(r"https?://(?!127\.0\.0\.1)", text.replace("http://www.w3.org/2000/svg", ""))
-            assert (await status(session, page.next().removeprefix(address), {}))[0] == 200
+            assert (await status(session, page.next_url().removeprefix(address), {}))[0] == 200
 
-    asyncio.run(knock())
+    asyncio.run(send_requests())
 
 
 @contextmanager
-def talking(topics):
-    """Those topics, std_msgs/Int32, 20 times a second; ends and removes them."""
+def publish_numbers(topics):
+    """Publish std_msgs/Int32 on the topics 20 times a second, until the context ends."""
     command = [sys.executable, "-m", "shmgen", "pub"]
     with ExitStack() as stack:
         for number, topic in enumerate(topics):
-            words = [*command, topic, "std_msgs/Int32", f"{{data: {number}}}", "-r", "20"]
-            process = stack.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, text=True))
+            arguments = [*command, topic, "std_msgs/Int32", f"{{data: {number}}}", "-r", "20"]
+            process = stack.enter_context(subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True))
             stack.callback(process.kill)
             assert process.stdout.readline()
         yield
@@ -473,9 +471,9 @@ def talking(topics):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(1280, 800), (800, 600)])
-def test_a_click_opens_the_row_under_it(first, server, size):
-    """What a person sees in the window is where the mouse finds it, and all of it is in the window."""
-    topics = [f"{first}/{name}" for name in "abc"]
+def test_click_opens_the_row_under_the_pointer(top_topic, server, size):
+    """Map the mouse position to the visible row, and keep the whole canvas inside the window."""
+    topics = [f"{top_topic}/{name}" for name in "abc"]
 
     async def walk():
         async with Page() as browser:
@@ -487,23 +485,23 @@ def test_a_click_opens_the_row_under_it(first, server, size):
                 await browser.until(f"shmgen view — {name}")
                 await browser.until(f"data: {topics.index(name)}")
                 assert (await browser.until("esc All regions"))[0] == browser.screen.lines - 1
-                drawn = await browser.canvas()
-                assert drawn["left"] == drawn["top"] == 0
-                assert size[0] - 20 < drawn["right"] <= size[0]
-                assert size[1] - 40 < drawn["bottom"] <= size[1]
+                canvas = await browser.canvas()
+                assert canvas["left"] == canvas["top"] == 0
+                assert size[0] - 20 < canvas["right"] <= size[0]
+                assert size[1] - 40 < canvas["bottom"] <= size[1]
                 await browser.press("Escape")
             hidden = "document.querySelector('textarea').getBoundingClientRect().right <= 0"
             assert await browser.run(hidden) is True
             overflow = "document.documentElement.scrollHeight > innerHeight || document.body.scrollWidth > innerWidth"
             assert await browser.run(overflow) is False
 
-    with talking(topics):
+    with publish_numbers(topics):
         asyncio.run(walk())
 
 
 @pytest.mark.slow
-def test_a_sample_by_hand_in_a_real_browser(first, server, registry):
-    """On the topic that was clicked, and only with --allow-write."""
+def test_browser_publishes_only_with_allow_write(top_topic, server, registry):
+    """Publish on the clicked topic, and only with --allow-write."""
     kind = registry.message("std_msgs/msg/Int32")
 
     async def walk(page, name):
@@ -511,7 +509,7 @@ def test_a_sample_by_hand_in_a_real_browser(first, server, registry):
             await browser.open(page.url)
             await browser.click_on(name)
             await browser.until("Plot")
-            if page is looking:
+            if page is read_only:
                 assert not any("Publish" in line for line in browser.screen.display)
                 return
             await browser.click_on("Publish")
@@ -519,28 +517,28 @@ def test_a_sample_by_hand_in_a_real_browser(first, server, registry):
             await browser.click_on("Publish one sample")
             await browser.until("published sample 1")
 
-    looking, writing = server(), server("--allow-write")
-    with subscriber(kind, f"{first}/a", 1) as above, subscriber(kind, f"{first}/b", 1) as reader:
-        asyncio.run(walk(looking, f"{first}/b"))
-        asyncio.run(walk(writing, f"{first}/b"))
+    read_only, writable = server(), server("--allow-write")
+    with subscriber(kind, f"{top_topic}/a", 1) as other_reader, subscriber(kind, f"{top_topic}/b", 1) as reader:
+        asyncio.run(walk(read_only, f"{top_topic}/b"))
+        asyncio.run(walk(writable, f"{top_topic}/b"))
         assert reader.read().data == 0
-        assert above.read() is None
+        assert other_reader.read() is None
 
 
 @pytest.mark.slow
-def test_in_a_real_browser(moving, server):
-    """All comes from this machine; a page of another origin gets nothing, and another port no cookie."""
+def test_browser_page_is_isolated_from_other_origins(pose, server):
+    """Load everything from this machine. A page of another origin gets nothing, and another port gets no cookie."""
     page = server()
-    address, got = page.address, []
+    address, cookies = page.address, []
 
-    async def other(request):
-        got.append(request.headers.get("Cookie"))
+    async def answer_other_port(request):
+        cookies.append(request.headers.get("Cookie"))
         return web.Response(text="another port")
 
     async def walk():
-        elsewhere = web.Application()
-        elsewhere.add_routes([web.get("/{path:.*}", other)])
-        runner = web.AppRunner(elsewhere)
+        other_server = web.Application()
+        other_server.add_routes([web.get("/{path:.*}", answer_other_port)])
+        runner = web.AppRunner(other_server)
         async with AsyncExitStack() as stack:
             stack.push_async_callback(runner.cleanup)
             await runner.setup()
@@ -548,71 +546,71 @@ def test_in_a_real_browser(moving, server):
             await site.start()
             browser = await stack.enter_async_context(Page())
             await browser.open(page.url)
-            await browser.until(moving)
-            inside = await browser.run("location.href")
-            assert re.fullmatch(rf"{address}/[\w-]{{16}}/", inside)
-            assert all(asked.startswith((address, address.replace("http", "ws"))) for asked in browser.asked), (
-                browser.asked
-            )
-            assert any("/ws?" in asked for asked in browser.asked)
+            await browser.until(pose)
+            page_url = await browser.run("location.href")
+            assert re.fullmatch(rf"{address}/[\w-]{{16}}/", page_url)
+            assert all(url.startswith((address, address.replace("http", "ws"))) for url in browser.asked), browser.asked
+            assert any("/ws?" in url for url in browser.asked)
             await browser.open(f"http://127.0.0.1:{site._server.sockets[0].getsockname()[1]}/")
             await asyncio.sleep(0.5)
-            assert got
-            assert set(got) == {None}
+            assert cookies
+            assert set(cookies) == {None}
             await browser.open("data:text/html,<p>elsewhere")
             await asyncio.sleep(0.5)
-            stolen = f"fetch('{inside}').then(a => a.text(), e => 'refused')"
-            assert await browser.run(stolen) == "refused"
-            socket = (
-                f"new Promise(done => {{ const s = new WebSocket('{inside.replace('http', 'ws')}ws');"
+            fetch_script = f"fetch('{page_url}').then(a => a.text(), e => 'refused')"
+            assert await browser.run(fetch_script) == "refused"
+            socket_script = (
+                f"new Promise(done => {{ const s = new WebSocket('{page_url.replace('http', 'ws')}ws');"
                 "s.onopen = () => done('open'); s.onerror = () => done('refused'); })"
             )
-            assert await browser.run(socket) == "refused"
+            assert await browser.run(socket_script) == "refused"
 
     asyncio.run(walk())
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("xdg-open") is None, reason="no xdg-open: apt-get install xdg-utils")
-def test_the_browser_is_started_with_no_secret(topic, server, tmp_path):
-    """What `--open` gives it everybody reads in /proc; the file it names only this user, until it has been opened."""
+def test_option_open_keeps_the_token_off_the_command_line(topic, server, tmp_path):
+    """Pass the token in a file of mode 0600, because /proc shows command lines. Delete the file once opened."""
     home = tmp_path / "home"
     home.mkdir()
-    starter, asked = tmp_path / "browser", tmp_path / "asked"
-    starter.write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > {asked}.part && mv {asked}.part {asked}\n')
-    starter.chmod(0o755)
+    fake_browser, arguments_file = tmp_path / "browser", tmp_path / "asked"
+    fake_browser.write_text(
+        f'#!/bin/sh\nprintf "%s\\n" "$@" > {arguments_file}.part && mv {arguments_file}.part {arguments_file}\n'
+    )
+    fake_browser.chmod(0o755)
 
     async def walk():
-        page = server("--open", HOME=str(home), BROWSER=str(starter))
+        page = server("--open", HOME=str(home), BROWSER=str(fake_browser))
         for _ in range(200):
-            if asked.exists():
+            if arguments_file.exists():
                 break
             await asyncio.sleep(0.05)
-        (door,) = home.iterdir()
-        assert asked.read_text().strip().removeprefix("file://") == str(door)
-        assert page.token not in asked.read_text()
-        assert stat.S_IMODE(door.stat().st_mode) == 0o600
+        (token_file,) = home.iterdir()
+        assert arguments_file.read_text().strip().removeprefix("file://") == str(token_file)
+        assert page.token not in arguments_file.read_text()
+        assert stat.S_IMODE(token_file.stat().st_mode) == 0o600
         async with Page() as browser:
-            await browser.open(door.as_uri())
+            await browser.open(token_file.as_uri())
             await browser.until(topic)
             assert await browser.run("location.origin") == page.address
         assert list(home.iterdir()) == []
 
-    with talking([topic]):
+    with publish_numbers([topic]):
         asyncio.run(walk())
 
 
-def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+def test_missing_textual_is_reported_with_the_pip_command(tmp_path, monkeypatch):
     from ..support.command import run
 
     monkeypatch.setitem(sys.modules, "textual", None)
-    said = run(["view"], tmp_path)
-    assert (said.code, said.stdout) == (1, "")
-    assert "pip install '.[view]'" in said.stderr
+    result = run(["view"], tmp_path)
+    assert (result.code, result.stdout) == (1, "")
+    assert "pip install '.[view]'" in result.stderr
 
 
-def test_the_picture_of_the_latency_is_that_of_the_page():
-    """The screens are drawn anew by hand: `make pictures`."""
+def test_latency_picture_matches_the_table_of_the_page():
+    """Update the pictures of the screens by hand, with `make pictures`."""
     from ..rigs.pictures import DOCS, latency
 
     assert latency((DOCS / "performance.md").read_text()) == (DOCS / "latency.svg").read_text()
