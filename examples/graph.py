@@ -11,7 +11,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[1]
 PYTHON = REPOSITORY / ".venv" / "ros1" / "bin" / "python"
-SETTLE = 1.5  # s until a publisher is connected and the belt has followed
+SETTLE = 1.5  # s until a publisher is connected and the belt has reacted
 FORGET = 3.0  # s until the bridge and the PLC treat a silent robot as gone
 
 
@@ -36,11 +36,11 @@ class Ros:
             "PYTHONPATH": str(REPOSITORY / "src"),
         }
 
-    def start(self, module: str, function: str, *arguments: str, shown: str = "") -> subprocess.Popen[str]:
-        """Start a command of ROS 1, given as a Python module and function. The process ends with the demo."""
-        if shown:
-            print(f"\n$ {shown}", flush=True)
-        name = shown.partition(" ")[0] or module
+    def start(self, module: str, function: str, *arguments: str, label: str = "") -> subprocess.Popen[str]:
+        """Start a command of ROS 1, given as a Python module and function, and print `label`. The demo ends it."""
+        if label:
+            print(f"\n$ {label}", flush=True)
+        name = label.partition(" ")[0] or module
         code = f"import sys, {module}; sys.argv[0] = {name!r}; {module}.{function}()"
         command = [str(PYTHON), "-c", code, *arguments]
         process = subprocess.Popen(
@@ -53,7 +53,7 @@ class Ros:
     def speed_with_robot_at(self, x: float) -> float:
         """Publish the pose of a robot at `x` m for some time, and return the belt's speed in m/s at the end."""
         values = f"{{point: {{x: {x}}}}}"
-        shown = f"rostopic pub -r 20 {self._robot} geometry_msgs/PointStamped '{values}'"
+        label = f"rostopic pub -r 20 {self._robot} geometry_msgs/PointStamped '{values}'"
         pub = self.start(
             "rostopic",
             "rostopicmain",
@@ -63,7 +63,7 @@ class Ros:
             self._robot,
             "geometry_msgs/PointStamped",
             values,
-            shown=shown,
+            label=label,
         )
         time.sleep(SETTLE)
         speed = self.speed()
@@ -73,7 +73,7 @@ class Ros:
     def speed(self) -> float:
         """Return the next published speed of the belt in m/s."""
         echo = self.start(
-            "rostopic", "rostopicmain", "echo", "-n", "1", self._speed, shown=f"rostopic echo -n 1 {self._speed}"
+            "rostopic", "rostopicmain", "echo", "-n", "1", self._speed, label=f"rostopic echo -n 1 {self._speed}"
         )
         text = echo.communicate(timeout=30)[0]
         print(f"   {text.splitlines()[0]}", flush=True)

@@ -20,9 +20,9 @@ def needs(package: str) -> None:
         sys.exit("this example needs: apt-get install cmake g++")
 
 
-def build(made: Cell, source: Path) -> Path:
+def build(here: Cell, source: Path) -> Path:
     """Build and install a generated ROS package, and return its folder. The cell's processes then find the package."""
-    install, folder = made.folder / "install", made.folder / f"build_{source.name}"
+    install, folder = here.folder / "install", here.folder / f"build_{source.name}"
     print(f"\n$ cmake -S {source.name} -B build && cmake --build build --target install", flush=True)
     for command in (
         ["-S", source, "-B", folder, f"-DCMAKE_INSTALL_PREFIX={install}"],
@@ -31,7 +31,7 @@ def build(made: Cell, source: Path) -> Path:
         done = subprocess.run(["cmake", *map(str, command)], capture_output=True, text=True, check=False)
         if done.returncode:
             sys.exit(done.stdout + done.stderr)
-    for name, found in (("AMENT_PREFIX_PATH", install), ("LD_LIBRARY_PATH", install / "lib")):
-        made.environment[name] = os.pathsep.join(filter(None, [str(found), made.environment.get(name)]))
-    made.environment["ROS_LOG_DIR"] = str(made.folder / "log")
+    for name, path in (("AMENT_PREFIX_PATH", install), ("LD_LIBRARY_PATH", install / "lib")):
+        here.environment[name] = os.pathsep.join(filter(None, [str(path), here.environment.get(name)]))
+    here.environment["ROS_LOG_DIR"] = str(here.folder / "log")
     return install

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tests.softplc.plc import Plc
 
 PERIOD = 0.01
-"""Seconds of a cycle."""
+"""The period of a cycle in seconds."""
 
 
 def main() -> None:
@@ -62,19 +62,19 @@ def value(plc: Plc, programs: dict[str, Any], name: str) -> str:
     """Return a variable such as `GVL_Ros.cell_job.Msg.speed` or `PRG_Cell.uiCount` as an IDE shows it."""
     first, *rest = re.findall(r"\w+", name)
     try:
-        found = programs[first] if first in programs else plc.globals(first)
+        node = programs[first] if first in programs else plc.globals(first)
         for part in rest:
-            found = found[int(part)] if part.isdigit() else getattr(found, part)
+            node = node[int(part)] if part.isdigit() else getattr(node, part)
     except (AttributeError, IndexError, KeyError) as error:
         raise SystemExit(f"{name} does not exist: {error}") from None
-    match found:
+    match node:
         case bool():
-            return str(found).upper()
-        case str() if "." not in found and found.isupper():
-            return found
+            return str(node).upper()
+        case str() if "." not in node and node.isupper():
+            return node
         case str():
-            return f"'{found}'"
-    return str(found)
+            return f"'{node}'"
+    return str(node)
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ class Cell:
             f"\nThe PLC: {names} and {len(generated)} generated files, compiled and called every millisecond",
             flush=True,
         )
-        with _told("compiling Structured Text by way of C++", "it is kept for the next time in .venv"):
+        with _progress("compiling Structured Text by way of C++", "it is kept for the next time in .venv"):
             from tests.softplc import compile_st
 
             compile_st({path.name: path.read_text() for path in (*generated, *own)}, self.folder / "plc")
@@ -117,15 +117,15 @@ def cell(here: Path, *packages: str) -> Iterator[Cell]:
 
 
 @contextmanager
-def _told(doing: str, done: str) -> Iterator[None]:
+def _progress(doing: str, done: str) -> Iterator[None]:
     """Print the progress of a long step every 10 s, and at the end its duration."""
     begun, over = time.monotonic(), threading.Event()
 
-    def tell() -> None:
+    def report() -> None:
         while not over.wait(10):
             print(f"   {doing}: {time.monotonic() - begun:.0f} s", flush=True)
 
-    thread = threading.Thread(target=tell, daemon=True)
+    thread = threading.Thread(target=report, daemon=True)
     thread.start()
     try:
         yield
@@ -138,16 +138,16 @@ def _told(doing: str, done: str) -> Iterator[None]:
 
 def _clean(configuration: Path) -> None:
     """Remove all regions after the processes have ended. Publishers and subscribers do not remove their regions."""
-    said = config.load(configuration, configuration.name, Report())
-    calls = [f"{service.service}-{half}" for service in said.services for half in ("request", "response")]
-    calls += [f"{action.action}-{third}" for action in said.actions for third in ("goal", "feedback", "result")]
-    there = [
+    settings = config.load(configuration, configuration.name, Report())
+    calls = [f"{service.service}-{half}" for service in settings.services for half in ("request", "response")]
+    calls += [f"{action.action}-{third}" for action in settings.actions for third in ("goal", "feedback", "result")]
+    existing = [
         name
-        for name in [*(topic.topic for topic in said.topics), *calls]
+        for name in [*(topic.topic for topic in settings.topics), *calls]
         if Path(region_file(region_name(name))).exists()
     ]
-    if there:
-        subprocess.run([*SHMGEN, "clean", *there], stdout=subprocess.DEVNULL, check=True)
+    if existing:
+        subprocess.run([*SHMGEN, "clean", *existing], stdout=subprocess.DEVNULL, check=True)
 
 
 def _end(process: subprocess.Popen[str]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from stage import LOOPBACK, cell  # noqa: E402 it lies beside the examples
+from stage import LOOPBACK, cell  # noqa: E402 the module is in examples/
 
 SEEN, UNSEEN, GONE = "acknowledged", "not acknowledged", "gone, not acknowledged"
 
@@ -26,10 +26,10 @@ def main() -> int:
         bridge = here.start_bridge("dds")
         ros = Supervisor()
 
-        def step(what: str, **wanted: str) -> None:
-            seconds = ros.until({f"press: {name}": message for name, message in wanted.items()})
-            values = [f"{one.associated_values_[0]:g} degC" for one in ros.alarms]
-            print(f"   {what}: {wanted or 'no alarm'} {' '.join(values)} after {seconds:.3f} s", flush=True)
+        def step(what: str, **expected: str) -> None:
+            seconds = ros.until({f"press: {name}": message for name, message in expected.items()})
+            values = [f"{alarm.associated_values_[0]:g} degC" for alarm in ros.alarms]
+            print(f"   {what}: {expected or 'no alarm'} {' '.join(values)} after {seconds:.3f} s", flush=True)
 
         step("too hot, before ROS was there", temperature=UNSEEN)
         ros.acknowledge(1)

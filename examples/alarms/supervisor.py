@@ -14,7 +14,7 @@ from cyclonedds.topic import Topic
 
 XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # the only representation that ROS 2 uses
 RELIABLE = Policy.Reliability.Reliable(1_000_000_000)
-KEPT = Qos(XCDR1, RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+LATCHED = Qos(XCDR1, RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
 PLAIN = Qos(XCDR1, RELIABLE, Policy.History.KeepLast(10))
 
 
@@ -98,29 +98,29 @@ class Supervisor:
 
     def __init__(self) -> None:
         self.node = node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
-        self.diagnostics = DataReader(node, Topic(node, "rt/diagnostics", DiagnosticArray), qos=KEPT)
-        self.lists = DataReader(node, Topic(node, "rt/plc/alarms", AlarmList), qos=KEPT)
+        self.diagnostics = DataReader(node, Topic(node, "rt/diagnostics", DiagnosticArray), qos=LATCHED)
+        self.lists = DataReader(node, Topic(node, "rt/plc/alarms", AlarmList), qos=LATCHED)
         self.acknowledged = DataWriter(node, Topic(node, "rt/alarms/acknowledge", UInt8), qos=PLAIN)
         self.last: dict[str, str] | None = None
         self.alarms: list[Alarm] = []
 
-    def until(self, wanted: dict[str, str], seconds: float = 30.0) -> float:
-        """Wait until both alarm topics report the alarms `wanted`, {name: message}. Return the seconds waited.
+    def until(self, expected: dict[str, str], seconds: float = 30.0) -> float:
+        """Wait until both alarm topics report the alarms `expected`, {name: message}. Return the seconds waited.
 
         Raises SystemExit if the state does not arrive in time.
         """
         begun = time.monotonic()
         while time.monotonic() - begun < seconds:
-            for picture in self.diagnostics.take(10):
-                if isinstance(picture, DiagnosticArray):  # not a notice that the writer has left
-                    self.last = {one.name_: one.message_ for one in picture.status_}
+            for array in self.diagnostics.take(10):
+                if isinstance(array, DiagnosticArray):  # otherwise the writer has left
+                    self.last = {status.name_: status.message_ for status in array.status_}
             for alarms in self.lists.take(10):
                 if isinstance(alarms, AlarmList):
                     self.alarms = list(alarms.alarms_)
-            if self.last == wanted == {one.source_: _message(one) for one in self.alarms}:
+            if self.last == expected == {alarm.source_: _message(alarm) for alarm in self.alarms}:
                 return time.monotonic() - begun
             time.sleep(0.005)
-        raise SystemExit(f"{seconds:g} s, and the pictures are {self.last} and {self.alarms}, not {wanted}")
+        raise SystemExit(f"{seconds:g} s, and the pictures are {self.last} and {self.alarms}, not {expected}")
 
     def acknowledge(self, alarm: int) -> None:
         """Acknowledge the alarm of this number."""

@@ -30,12 +30,12 @@ class Watch:
     def __init__(self, subscriber: Any) -> None:
         self.subscriber = subscriber
 
-    def until(self, wanted: Callable[[Any], bool], what: str, seconds: float = 20.0) -> Any:
-        """Return the first state of the axes that satisfies `wanted`. Raises SystemExit after `seconds`."""
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
+    def until(self, condition: Callable[[Any], bool], what: str, seconds: float = 20.0) -> Any:
+        """Return the first state of the axes that satisfies `condition`. Raises SystemExit after `seconds`."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
             state = self.subscriber.wait(0.1)
-            if state is not None and wanted(state):
+            if state is not None and condition(state):
                 return state
         sys.exit(f"{seconds:g} s and no sign of: {what}")
 
@@ -44,26 +44,26 @@ def main(seconds: float, kills: int) -> int:
     """Run the demo. Return 0 if the axes stopped in time after each kill and the last controller succeeded."""
     if not shutil.which("g++"):
         sys.exit("g++ is not installed")
-    with cell(HERE, "blark") as made:
-        made.generate()
-        program = made.folder / "controller"
+    with cell(HERE, "blark") as here:
+        here.generate()
+        program = here.folder / "controller"
         print("\n$ g++ -std=c++17 -O2 -I generated/cpp controller.cpp -o controller", flush=True)
-        flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{made.folder}/cpp"]
+        flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{here.folder}/cpp"]
         subprocess.run(["g++", *flags, HERE / "controller.cpp", "-o", program, "-lrt", "-lpthread"], check=True)
-        sys.path.insert(0, f"{made.folder}/python")
+        sys.path.insert(0, f"{here.folder}/python")
         from shm_msgs.axes_msgs.msg import AxesStateSubscriber  # type: ignore[import-not-found]
 
         with AxesStateSubscriber("/axes/state") as subscriber:
-            return _run(made, Watch(subscriber), program, seconds, kills)
+            return _run(here, Watch(subscriber), program, seconds, kills)
 
 
-def _run(made: Cell, watch: Watch, program: Path, seconds: float, kills: int) -> int:
-    plc = made.start_plc("PRG_Axes")
+def _run(here: Cell, watch: Watch, program: Path, seconds: float, kills: int) -> int:
+    plc = here.start_plc("PRG_Axes")
     took = []
     for kill in range(kills):
         with subprocess.Popen([program, "600"], stdout=subprocess.DEVNULL) as controller:
             try:
-                watch.until(_moves, "a motion")
+                watch.until(_is_moving, "a motion")
                 time.sleep(0.05 * kill)
             finally:
                 controller.kill()
@@ -77,12 +77,12 @@ def _run(made: Cell, watch: Watch, program: Path, seconds: float, kills: int) ->
         )
     with subprocess.Popen([program, "600"], stdout=subprocess.DEVNULL) as controller:
         try:
-            watch.until(_moves, "a motion after a reset")
+            watch.until(_is_moving, "a motion after a reset")
             plc.kill()
             plc.wait()
             killed = time.monotonic()
-            made.run_plc("PRG_Axes")
-            watch.until(_moves, "a motion after a restart of the PLC")
+            here.run_plc("PRG_Axes")
+            watch.until(_is_moving, "a motion after a restart of the PLC")
             print(
                 f"   PLC killed and started again: the axes moved again {time.monotonic() - killed:.1f} s later",
                 flush=True,
@@ -91,16 +91,16 @@ def _run(made: Cell, watch: Watch, program: Path, seconds: float, kills: int) ->
             controller.kill()
     print(f"\n$ ./controller {seconds:g}", flush=True)
     controller = subprocess.Popen([program, str(seconds)], stdout=subprocess.PIPE, text=True)
-    said = controller.communicate()[0]
-    print("".join(f"   {line}\n" for line in said.splitlines()), end="", flush=True)
-    late = [one for one in took if one > LIMIT]
+    output = controller.communicate()[0]
+    print("".join(f"   {line}\n" for line in output.splitlines()), end="", flush=True)
+    late = [delay for delay in took if delay > LIMIT]
     if took:
         middle, most = 1000 * statistics.median(took), 1000 * max(took)
         print(f"   {len(took)} safe stops: standstill {middle:.0f} ms (median), {most:.0f} ms (longest) after the kill")
     return 1 if late or controller.returncode else 0
 
 
-def _moves(state: Any) -> bool:
+def _is_moving(state: Any) -> bool:
     return bool(state.state == state.ENABLED and max(map(abs, state.velocity)) > 0.5)
 
 
@@ -108,5 +108,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=3.0)
     parser.add_argument("--kills", type=int, default=2)
-    asked, _ = parser.parse_known_args()
-    sys.exit(main(asked.seconds, asked.kills))
+    options, _ = parser.parse_known_args()
+    sys.exit(main(options.seconds, options.kills))

@@ -13,7 +13,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from graph import FORGET, PYTHON, Ros  # noqa: E402 they lie beside the examples
+from graph import FORGET, PYTHON, Ros  # noqa: E402 both modules are in examples/
 from stage import cell  # noqa: E402
 
 
@@ -21,12 +21,12 @@ def main() -> int:
     """Run the demo. Return 0 if the belt slowed down for the robot, and stopped when the robot stopped publishing."""
     if not PYTHON.exists():
         sys.exit(f"{PYTHON} is not there: `make test-all` as root installs Debian's ROS 1 and makes it")
-    with cell(HERE, "blark") as made, ExitStack() as processes:
-        made.generate()
-        made.start_plc("PRG_Belt")
+    with cell(HERE, "blark") as here, ExitStack() as processes:
+        here.generate()
+        here.start_plc("PRG_Belt")
         ros = Ros(processes, "/shmgen_demo/robot", "/shmgen_demo/speed")
         ros.start("rosmaster", "rosmaster_main", "--core", "-p", str(ros.port))
-        bridge = ros.start("shmgen.__main__", "main", "bridge", "-c", str(HERE / "shmgen.toml"), shown="shmgen bridge")
+        bridge = ros.start("shmgen.__main__", "main", "bridge", "-c", str(HERE / "shmgen.toml"), label="shmgen bridge")
         for line in bridge.stdout or ():
             print(f"   {line.rstrip()}", flush=True)
             if line.startswith("running"):

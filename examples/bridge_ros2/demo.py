@@ -13,7 +13,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from stage import REPOSITORY, cell  # noqa: E402 it lies beside the examples
+from stage import REPOSITORY, cell  # noqa: E402 the module is in examples/
 
 WHEELS = REPOSITORY / ".venv" / "ros2-jazzy"
 

@@ -8,24 +8,24 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
-PATIENCE = 20.0  # s; timeout for each speed
-LATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TIMEOUT = 20.0  # s, for each speed
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def main() -> int:
-    """Drive towards the feeder. Return 0 if its speed followed the robot, and it stopped after the last message."""
+    """Move towards the feeder. Return 0 if its speed followed the robot, and it stopped after the last message."""
     rclpy.init()
     node = rclpy.create_node("robot")
     pose = node.create_publisher(PoseStamped, "/feeder/robot", 10)
     speeds: list[float] = []
-    node.create_subscription(Float64, "/feeder/speed", lambda message: speeds.append(message.data), LATE)
+    node.create_subscription(Float64, "/feeder/speed", lambda message: speeds.append(message.data), LATCHED)
 
-    def reached(speed: float, x: float | None) -> bool:
+    def wait_for_speed(speed: float, x: float | None) -> bool:
         """Wait until the feeder has the speed `speed`. Return False on timeout.
 
         If `x` is given, publish the robot's position meanwhile.
         """
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         while speeds[-1:] != [speed] and time.monotonic() < deadline:
             if x is not None:
                 message = PoseStamped()
@@ -33,11 +33,11 @@ def main() -> int:
                 message.pose.position.x = x
                 pose.publish(message)
             rclpy.spin_once(node, timeout_sec=0.05)
-        said = "the robot says nothing" if x is None else f"the robot is at {x:g} m"
-        print(f"   {said}: the feeder runs at {speeds[-1] if speeds else '?'} m/s", flush=True)
+        state = "the robot says nothing" if x is None else f"the robot is at {x:g} m"
+        print(f"   {state}: the feeder runs at {speeds[-1] if speeds else '?'} m/s", flush=True)
         return speeds[-1:] == [speed]
 
-    done = [reached(x / 2, x) for x in (3.0, 1.0, 0.5)] + [reached(0.0, None)]
+    done = [wait_for_speed(x / 2, x) for x in (3.0, 1.0, 0.5)] + [wait_for_speed(0.0, None)]
     print(f"   {sum(done)} of 4 as it should be", flush=True)
     node.destroy_node()
     rclpy.shutdown()

@@ -11,20 +11,20 @@ HERE = Path(__file__).parent
 SECONDS = 3
 sys.path.insert(0, str(HERE.parent))
 
-from stage import cell  # noqa: E402 it lies beside the examples
+from stage import cell  # noqa: E402 the module is in examples/
 
 
 def main() -> int:
     """Run the demo. Return 0 if every cycle sent its command."""
     if not shutil.which("g++"):
         sys.exit("g++ is not installed")
-    with cell(HERE, "blark") as made:
-        made.generate()
-        program = made.folder / "loop"
+    with cell(HERE, "blark") as here:
+        here.generate()
+        program = here.folder / "loop"
         print("\n$ g++ -std=c++17 -O2 -I generated/cpp loop.cpp -o loop", flush=True)
-        flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{made.folder}/cpp"]
+        flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{here.folder}/cpp"]
         subprocess.run(["g++", *flags, HERE / "loop.cpp", "-o", program, "-lrt", "-lpthread"], check=True)
-        made.start_plc("PRG_Drive")
+        here.start_plc("PRG_Drive")
         print(f"\n$ ./loop {SECONDS}", flush=True)
         done = subprocess.run([program, str(SECONDS)], stdout=subprocess.PIPE, text=True, check=False)
         for line in done.stdout.splitlines():

@@ -17,7 +17,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 WORDS = 5
-PATIENCE = 20.0  # s
+TIMEOUT = 20.0  # s
 RELIABLE = Qos(Policy.Reliability.Reliable(1_000_000_000), Policy.History.KeepLast(10))
 
 
@@ -36,11 +36,11 @@ class UInt32(IdlStruct, typename="std_msgs::msg::dds_::UInt32_"):
 
 
 def main() -> int:
-    """Talk to the PLC. Return 0 once it has repeated all words, and a late subscriber has received its last count."""
+    """Send words to the PLC. Return 0 once it has repeated all, and a late subscriber has received its last count."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
     talker = DataWriter(node, Topic(node, "rt/chatter", String), RELIABLE)
     listener = DataReader(node, Topic(node, "rt/plc/heard", String), RELIABLE)
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + TIMEOUT
     while not (talker.get_matched_subscriptions() and listener.get_matched_publications()):
         if time.monotonic() > deadline:
             print("   nobody listens in this domain")

@@ -22,7 +22,7 @@ FINISHED = 2
 PARTS = 3
 XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # the only representation that ROS 2 uses
 RELIABLE = Qos(XCDR1, Policy.Reliability.Reliable(1_000_000_000), Policy.History.KeepLast(10))
-KEPT = Qos(
+LATCHED = Qos(
     XCDR1, Policy.Reliability.Reliable(1_000_000_000), Policy.Durability.TransientLocal, Policy.History.KeepLast(1)
 )
 
@@ -47,28 +47,28 @@ class TenderState(IdlStruct, typename="machine_msgs::msg::dds_::TenderState_"):
 def main(seconds: float = 90.0) -> int:
     """Run the robot. Return 0 once it has taken three parts and the machine has begun the fourth."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
-    machine = DataReader(node, Topic(node, "rt/machine/state", MachineState), qos=KEPT)
+    machine = DataReader(node, Topic(node, "rt/machine/state", MachineState), qos=LATCHED)
     tender = DataWriter(node, Topic(node, "rt/machine/tender", TenderState), qos=RELIABLE)
-    taken, doing, since = 0, WAITING, time.monotonic()
+    last_part, activity, since = 0, WAITING, time.monotonic()
     deadline = since + seconds
     while time.monotonic() < deadline:
         for state in machine.take(100):
-            if not isinstance(state, MachineState):  # a notice that the machine has left
+            if not isinstance(state, MachineState):  # the machine has left
                 continue
             if state.part_ > PARTS:
                 print(f"   machine works on part {state.part_}: {PARTS} parts taken", flush=True)
                 return 0
-            if doing == WAITING and state.state_ == FINISHED and state.part_ != taken:
+            if activity == WAITING and state.state_ == FINISHED and state.part_ != last_part:
                 print(f"   machine: part {state.part_} is finished       robot: on my way", flush=True)
-                doing, since, wanted = DRIVING, time.monotonic(), state.part_
-        if doing == DRIVING and time.monotonic() - since > 0.4:
-            doing, since = TAKING, time.monotonic()
-        elif doing == TAKING and time.monotonic() - since > 0.2:
-            doing, taken = WAITING, wanted
-            print(f"                                       robot: part {taken} is taken", flush=True)
-        tender.write(TenderState(doing, taken))
+                activity, since, part = DRIVING, time.monotonic(), state.part_
+        if activity == DRIVING and time.monotonic() - since > 0.4:
+            activity, since = TAKING, time.monotonic()
+        elif activity == TAKING and time.monotonic() - since > 0.2:
+            activity, last_part = WAITING, part
+            print(f"                                       robot: part {last_part} is taken", flush=True)
+        tender.write(TenderState(activity, last_part))
         time.sleep(0.02)
-    print(f"only {taken} parts in {seconds} s", file=sys.stderr)
+    print(f"only {last_part} parts in {seconds} s", file=sys.stderr)
     return 1
 
 

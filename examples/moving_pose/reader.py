@@ -10,7 +10,7 @@ import time
 from shm_msgs.geometry_msgs.msg import Pose, PoseSubscriber
 
 SAMPLES = 400
-SHOWN_EACH = 25
+PRINT_EACH = 25
 WIDTH, HEIGHT = 33, 13
 
 
@@ -24,7 +24,7 @@ def main(topic: str) -> int:
             if pose is None:
                 continue
             seen.append(pose)
-            if len(seen) % SHOWN_EACH == 1:
+            if len(seen) % PRINT_EACH == 1:
                 yaw = math.degrees(2 * math.atan2(pose.orientation.z, pose.orientation.w)) % 360
                 age = (subscriber.age or 0.0) * 1e6
                 print(

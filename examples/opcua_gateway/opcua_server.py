@@ -67,33 +67,33 @@ async def serve(configuration: Path, endpoint: str) -> None:
 async def structures(server: Server, index: int, messages: tuple[Message, ...]) -> dict[str, Any]:
     """Create an OPC UA structure for each message and for ROS's time. Return them by ROS name."""
     numbers = [new_struct_field(name, getattr(ua.VariantType, NUMBERS[kind])) for name, kind in TIME.items()]
-    made = {"time": (await new_struct(server, index, "builtin_interfaces_Time", numbers))[0]}
+    created = {"time": (await new_struct(server, index, "builtin_interfaces_Time", numbers))[0]}
     for message in messages:
-        fields = [new_struct_field(field.name, *opcua_type(field.type, made)) for field in message.fields]
-        made[message.name.short] = (await new_struct(server, index, opcua_name(message), fields))[0]
-    return made
+        fields = [new_struct_field(field.name, *opcua_type(field.type, created)) for field in message.fields]
+        created[message.name.short] = (await new_struct(server, index, opcua_name(message), fields))[0]
+    return created
 
 
 TIME = {"sec": Scalar.INT32, "nanosec": Scalar.UINT32}
 
 
-def opcua_type(type_: FieldType, made: dict[str, Any]) -> tuple[Any, bool]:
+def opcua_type(type_: FieldType, created: dict[str, Any]) -> tuple[Any, bool]:
     """Return the OPC UA data type of a field, and True if the field is an array."""
     if isinstance(type_, (Array, Sequence)):
-        return opcua_element(type_.element, made), True
-    return opcua_element(type_, made), False
+        return opcua_element(type_.element, created), True
+    return opcua_element(type_, created), False
 
 
-def opcua_element(element: Element, made: dict[str, Any]) -> Any:
+def opcua_element(element: Element, created: dict[str, Any]) -> Any:
     match element:
         case Scalar():
             return getattr(ua.VariantType, NUMBERS[element])
         case String():
             return ua.VariantType.String
         case Clock():
-            return made["time"]
+            return created["time"]
         case Ref(name):
-            return made[name.short]
+            return created[name.short]
 
 
 def opcua_name(message: Message) -> str:

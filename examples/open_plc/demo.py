@@ -20,16 +20,16 @@ def main() -> int:
     """Run the demo and return the exit status of the robot, or 0 if MATIEC is not set."""
     with cell(HERE) as here:
         here.generate()
-        made = here.folder / "matiec"
-        for path in sorted((*made.iterdir(), *(here.folder / "openplc").iterdir())):
+        output = here.folder / "matiec"
+        for path in sorted((*output.iterdir(), *(here.folder / "openplc").iterdir())):
             name, size = path.relative_to(here.folder), path.stat().st_size
             print(f"   generated for OpenPLC and Beremiz: {name}, {size} bytes")
         matiec = os.environ.get("MATIEC", "")
         if not matiec:
             print("\nNo MATIEC: set it to the folder of a built matiec, see docs/openplc.md, and it runs.")
             return 0
-        compile_by(Path(matiec), made)
-        here.start_program("PLC", made / "plc", ready="running")
+        compile_by(Path(matiec), output)
+        here.start_program("PLC", output / "plc", ready="running")
         here.shmgen("call", "/open/drive", "belt_msgs/Drive", "{may_run: true}")
         status = here.run("../softplc_echo/robot.py", "/open/pose", "/open/conveyor")
         here.shmgen("call", "/open/drive", "belt_msgs/Drive", "{may_run: false}")

@@ -16,7 +16,7 @@ from shm_msgs.press_msgs.srv import (
 
 from shmgen.runtime import CallFailed, CallTimeout
 
-taken: list[int] = []
+parts: list[int] = []
 is_over = threading.Event()
 
 
@@ -28,7 +28,7 @@ def robot(service: str) -> None:
 
 
 def unload(request: Unload_Request) -> Unload_Response:
-    taken.append(request.part)
+    parts.append(request.part)
     return Unload_Response(placed=True)
 
 
@@ -39,7 +39,7 @@ def main(run: str, unloading: str) -> int:
     thread.start()
     with RunClient(run) as client:
         response = client.call(Run_Request(parts=3, force=25.0), timeout=10)
-        print(f"   3 parts with 25 kN: {response.made} made in {response.seconds:.2f} s, the robot took {taken}")
+        print(f"   3 parts with 25 kN: {response.made} made in {response.seconds:.2f} s, the robot took {parts}")
         try:
             client.call(Run_Request(parts=1, force=60.0), timeout=10)
         except CallFailed as error:
@@ -52,7 +52,7 @@ def main(run: str, unloading: str) -> int:
         print(f"   2 parts: {late.made} made; what the press did for the call before is no answer to this one")
     is_over.set()
     thread.join()
-    return 0 if response.made == 3 and late.made == 2 and taken == [1, 2, 3, 1, 2, 3, 4, 5, 1, 2] else 1
+    return 0 if response.made == 3 and late.made == 2 and parts == [1, 2, 3, 1, 2, 3, 4, 5, 1, 2] else 1
 
 
 if __name__ == "__main__":

@@ -147,15 +147,15 @@ class Service:
     """The server of a ROS 2 service."""
 
     def __init__(self, node: DomainParticipant, name: str, request: type, response: type) -> None:
-        who = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # for rmw_cyclonedds
-        qos = Qos(Policy.Userdata(who.encode()), base=QUALITY)
+        server_id = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # for rmw_cyclonedds
+        qos = Qos(Policy.Userdata(server_id.encode()), base=QUALITY)
         self.writer = DataWriter(node, Topic(node, f"rr/{ACTION}/{name}Reply", response), qos)
         self._reader = DataReader(node, Topic(node, f"rq/{ACTION}/{name}Request", request), qos)
         self._response = response
 
     def requests(self) -> list[Any]:
         """Return the new requests."""
-        return [one for one in self._reader.take(10) if not isinstance(one, InvalidSample)]
+        return [sample for sample in self._reader.take(10) if not isinstance(sample, InvalidSample)]
 
     def reply(self, request: Any, *values: Any) -> None:
         """Send the reply to a request."""

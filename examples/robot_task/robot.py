@@ -18,12 +18,12 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 XCDR1 = Policy.DataRepresentation(use_cdrv0_representation=True)  # the only representation that ROS 2 uses
-WHO = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # identifies the server for rmw_cyclonedds
+ID = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"  # of the server, for rmw_cyclonedds
 SERVICE = Qos(
     XCDR1,
     Policy.Reliability.Reliable(1_000_000_000),
     Policy.History.KeepLast(10),
-    Policy.Userdata(WHO.encode()),
+    Policy.Userdata(ID.encode()),
 )
 FASTEST = 0.5  # m/s
 
@@ -68,7 +68,7 @@ def main() -> None:
     print("robot waits for tasks", flush=True)
     while True:
         for request in requests.take(10):
-            if not isinstance(request, Request):  # a notice that a client has left
+            if not isinstance(request, Request):  # a client has left
                 continue
             done, seconds, message = run(request)
             print(f"   robot: {message}", flush=True)

@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[1]
 sys.path.insert(0, str(HERE.parent))
 
-from graph import FORGET, PYTHON, Ros  # noqa: E402 they lie beside the examples
+from graph import FORGET, PYTHON, Ros  # noqa: E402 both modules are in examples/
 from stage import Cell, cell  # noqa: E402
 
 
@@ -26,10 +26,10 @@ def main() -> int:
     """Run the demo. Return 0 if the belt slowed down for the robot, and stopped when the robot stopped publishing."""
     if not PYTHON.exists() or not Path("/usr/include/ros/ros.h").exists() or not shutil.which("cmake"):
         sys.exit("there is no ROS 1 in C++ here: `make test-all` as root installs Debian's")
-    with cell(HERE, "blark") as made, ExitStack() as processes:
-        made.generate()
-        node = build(made)
-        made.start_plc("PRG_Belt")
+    with cell(HERE, "blark") as here, ExitStack() as processes:
+        here.generate()
+        node = build(here)
+        here.start_plc("PRG_Belt")
         ros = Ros(processes, "/shmgen_node/robot", "/shmgen_node/speed")
         ros.start("rosmaster", "rosmaster_main", "--core", "-p", str(ros.port))
         print("\n$ cell_node", flush=True)
@@ -49,17 +49,17 @@ def main() -> int:
     return 0 if speeds == [1.2, 0.6, 0.15, 0.0] else 1
 
 
-def build(made: Cell) -> Path:
+def build(here: Cell) -> Path:
     """Build the node with CMake and return the path of its program."""
-    where = made.folder / "node"
+    folder = here.folder / "node"
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     package = f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}"
     print("\n$ cmake -S . -B node && cmake --build node", flush=True)
-    for command in (["cmake", "-S", HERE, "-B", where, package], ["cmake", "--build", where]):
+    for command in (["cmake", "-S", HERE, "-B", folder, package], ["cmake", "--build", folder]):
         done = subprocess.run(command, env={**os.environ, "PATH": path}, capture_output=True, text=True, check=False)
         if done.returncode:
             sys.exit(done.stdout + done.stderr)
-    return where / "cell_node"
+    return folder / "cell_node"
 
 
 if __name__ == "__main__":

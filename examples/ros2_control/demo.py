@@ -24,27 +24,27 @@ CYCLES = 3000
 def main() -> int:
     """Run the demo. Return 0 if all positions came back, and the loop reported the killed PLC as an error."""
     needs("hardware_interface")
-    with cell(HERE, "blark") as made:
-        made.generate()
-        build(made, HERE)
-        install = build(made, made.folder / "ros2_control" / "arm_control")
-        robot = made.folder / "robot.urdf"
+    with cell(HERE, "blark") as here:
+        here.generate()
+        build(here, HERE)
+        install = build(here, here.folder / "ros2_control" / "arm_control")
+        robot = here.folder / "robot.urdf"
         robot.write_text(urdf(install / "share" / "arm_control" / "urdf" / "plc.ros2_control.xacro"))
-        plc = made.start_plc("PRG_Arm")
+        plc = here.start_plc("PRG_Arm")
         command = [install / "bin" / "loop", robot, str(CYCLES), "1"]
-        done = subprocess.run(command, env=made.environment, capture_output=True, text=True, timeout=120, check=False)
-        found = json.loads(done.stdout.splitlines()[-1])
-        p50, p99, most = found["us"]
-        print(f"\n   {found['ok']} cycles, {found['wrong']} wrong; read to write: {p50} us, p99 {p99}, max {most}")
+        done = subprocess.run(command, env=here.environment, capture_output=True, text=True, timeout=120, check=False)
+        counts = json.loads(done.stdout.splitlines()[-1])
+        p50, p99, most = counts["us"]
+        print(f"\n   {counts['ok']} cycles, {counts['wrong']} wrong; read to write: {p50} us, p99 {p99}, max {most}")
         command[2] = "1000000"
         loop = subprocess.Popen(
-            command, env=made.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            command, env=here.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
         time.sleep(2)
         plc.kill()
         last = json.loads(loop.communicate(timeout=20)[0].splitlines()[-1])
         print(f"   the PLC killed: `{last['failed']}` is an error in cycle {last['ok'] + 1}", flush=True)
-    return 0 if (found["ok"], found["wrong"], last["failed"]) == (CYCLES, 0, "read") else 1
+    return 0 if (counts["ok"], counts["wrong"], last["failed"]) == (CYCLES, 0, "read") else 1
 
 
 def urdf(snippet: Path) -> str:

@@ -7,24 +7,24 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from std_msgs.msg import Float64
 
-PATIENCE = 20.0  # s; timeout for each speed
+TIMEOUT = 20.0  # s, for each speed
 
 
 def main() -> int:
-    """Approach the belt. Return 0 if it slowed down, and stopped when the robot stopped publishing."""
+    """Move to the belt. Return 0 if it slowed down, and stopped when the robot stopped publishing."""
     rclpy.init()
     node = rclpy.create_node("robot")
     position = node.create_publisher(PointStamped, "/ros2_cpp/robot", 10)
     newest: list[float] = []
     node.create_subscription(Float64, "/ros2_cpp/speed", lambda message: newest.append(message.data), 10)
 
-    def settled(x: float | None, wanted: float) -> float:
-        """Wait until the belt's speed is `wanted`, and return the speed. If `x` is given, publish the robot's position.
+    def wait_for_speed(x: float | None, expected: float) -> float:
+        """Wait until the belt's speed is `expected`, and return it. If `x` is given, publish the robot's position.
 
         After the timeout, return the speed at that time.
         """
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline and newest[-1:] != [wanted]:
+        deadline = time.monotonic() + TIMEOUT
+        while time.monotonic() < deadline and newest[-1:] != [expected]:
             if x is not None:
                 message = PointStamped()
                 message.point.x = x
@@ -33,8 +33,8 @@ def main() -> int:
         return newest[-1] if newest else -1.0
 
     speeds = []
-    for x, wanted in ((3.0, 1.2), (1.0, 0.6), (0.25, 0.15), (None, 0.0)):
-        speeds.append(settled(x, wanted))
+    for x, expected in ((3.0, 1.2), (1.0, 0.6), (0.25, 0.15), (None, 0.0)):
+        speeds.append(wait_for_speed(x, expected))
         print(f"   robot at {x} m, belt at {speeds[-1]:g} m/s" if x else "   the robot says nothing more", flush=True)
     print(f"   the belt ran at {', '.join(f'{speed:g}' for speed in speeds)} m/s", flush=True)
     return 0 if speeds == [1.2, 0.6, 0.15, 0.0] else 1

@@ -16,7 +16,7 @@ FARTHEST = 2.5  # m from the belt
 WALK = 4.0  # s, there and back
 PERIOD = 0.01  # s between two poses
 ANSWER = 20.0  # s; timeout until the PLC reports the last pose, for a busy machine
-SHOWN = 0.25  # s between two printed lines
+PRINT_PERIOD = 0.25  # s between two printed lines
 MODES = {ConveyorState.STOPPED: "stopped", ConveyorState.SLOW: "slow", ConveyorState.RUNNING: "running"}
 
 
@@ -27,7 +27,7 @@ def main(poses: str, states: str) -> int:
     print(f"   the robot is process {os.getpid()}; its distance, and what the PLC says of the belt")
     with PosePublisher(poses) as publisher, ConveyorStateSubscriber(states) as subscriber:
         start = time.monotonic()
-        shown = -1
+        last_line = -1
         sent = 0
         while (now := time.monotonic() - start) < WALK:
             x = FARTHEST * (1 + math.cos(2 * math.pi * now / WALK)) / 2
@@ -37,8 +37,8 @@ def main(poses: str, states: str) -> int:
             state = subscriber.read() or state
             if state is not None and now > 0.1:
                 seen.add(MODES[state.mode])
-                if int(now / SHOWN) > shown:
-                    shown = int(now / SHOWN)
+                if int(now / PRINT_PERIOD) > last_line:
+                    last_line = int(now / PRINT_PERIOD)
                     belt = "=" * round(20 * state.speed)
                     print(
                         f"   robot at {x:4.2f} m   belt {MODES[state.mode]:<8}{state.speed:4.2f} m/s  {belt}",

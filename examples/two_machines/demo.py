@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-PATIENCE = 40.0
+TIMEOUT = 40.0
 """Timeout in seconds for each expected event."""
 
 
@@ -67,7 +67,7 @@ class Machine:
         self.bridge.kill()
         self.bridge.wait()
 
-    def counted(self) -> int:
+    def count_lost(self) -> int:
         """Return how many messages did not reach the PLC, according to the counters of the machine's bridge."""
         before = len(self.lines)
         self.bridge.send_signal(signal.SIGUSR1)
@@ -75,7 +75,7 @@ class Machine:
         line = next(line for line in self.lines[before:] if f"/{self.other}/state " in line and " passed" in line)
         return sum(int(count) for count in re.findall(r"(\d+) (?:missed|lost|rejected)", line))
 
-    def seen(self, new: bool = False) -> dict[str, Any]:
+    def statistics(self, new: bool = False) -> dict[str, Any]:
         """Return the statistics of the machine's PLC. If `new` is true, the PLC then starts new lists of times."""
         self._plc.stdin.write("new\n" if new else "\n")
         self._plc.stdin.flush()
@@ -108,62 +108,62 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder, two_machines(Path(folder), how) as (a, b, wire):
         both = (a, b)
         print(f"two machines, {how.backend}: /a/state and /b/state at {how.rate} Hz, and calls of /a/stop and /b/stop")
-        wait(lambda: all(machine.seen()["calls"] for machine in both))
+        wait(lambda: all(machine.statistics()["calls"] for machine in both))
         for machine in both:
-            machine.seen(new=True)
+            machine.statistics(new=True)
         time.sleep(2)
-        tell("a quiet cable", both)
+        print_statistics("a quiet cable", both)
 
         wire("0.05")
         time.sleep(4)
-        tell("every twentieth frame lost", both)
+        print_statistics("every twentieth frame lost", both)
 
         wire("0.2")
         time.sleep(3)
         wire("0.0")
         time.sleep(1)
-        tell("every fifth frame lost", both)
+        print_statistics("every fifth frame lost", both)
 
         begun = time.monotonic()
         a.ip("link", "set", "eth0", "down")
-        stale = [wait(lambda m=machine: m.seen()["stale_since"]) - begun for machine in both]
+        stale = [wait(lambda m=machine: m.statistics()["stale_since"]) - begun for machine in both]
         time.sleep(max(0.0, begun + 4 - time.monotonic()))
         a.ip("link", "set", "eth0", "up")
         begun = time.monotonic()
-        wait(lambda: not any(machine.seen()["stale_since"] for machine in both))
+        wait(lambda: not any(machine.statistics()["stale_since"] for machine in both))
         again = time.monotonic() - begun
         print(f"  link down for 4 s: xStale after {max(stale):.1f} s, gone {again:.1f} s after it was up")
         time.sleep(1)
-        tell("after the cut", both)
+        print_statistics("after the cut", both)
 
         begun = time.monotonic()
         b.kill_bridge()
-        stale = [wait(lambda m=machine: m.seen()["stale_since"]) - begun for machine in both]
+        stale = [wait(lambda m=machine: m.statistics()["stale_since"]) - begun for machine in both]
         b.start_bridge()
         begun = time.monotonic()
         for machine in both:
-            machine.seen(new=True)
-        wait(lambda: all(machine.seen()["calls"] for machine in both))
-        wait(lambda: not any(machine.seen()["stale_since"] for machine in both))
+            machine.statistics(new=True)
+        wait(lambda: all(machine.statistics()["calls"] for machine in both))
+        wait(lambda: not any(machine.statistics()["stale_since"] for machine in both))
         again = time.monotonic() - begun
         print(f"  bridge of b killed: xStale after {max(stale):.1f} s; all flows {again:.1f} s after it runs")
     return 0
 
 
-def tell(when: str, machines: tuple[Machine, Machine]) -> None:
+def print_statistics(when: str, machines: tuple[Machine, Machine]) -> None:
     """Print the statistics of both PLCs. Raises SystemExit if a message was lost without being counted."""
     print(f"  {when}")
     for machine in machines:
-        seen, counted = machine.seen(new=True), machine.counted()
-        late, calls = (sorted(1e3 * one for one in seen[key]) for key in ("late", "calls"))
+        plc, lost = machine.statistics(new=True), machine.count_lost()
+        late, calls = (sorted(1e3 * seconds for seconds in plc[key]) for key in ("late", "calls"))
         print(
             f"    {machine.other} to {machine.name}: {len(late)} came,"
             f" p50 {at(late, 0.5):.1f} ms, p99 {at(late, 0.99):.1f} ms;"
-            f" {len(calls)} calls, p50 {at(calls, 0.5):.1f} ms; in all not come {seen['gaps']}, counted by the PLC"
-            f" {seen['missed']} and by the bridge {counted}; calls failed {seen['failed']}",
+            f" {len(calls)} calls, p50 {at(calls, 0.5):.1f} ms; in all not come {plc['gaps']}, counted by the PLC"
+            f" {plc['missed']} and by the bridge {lost}; calls failed {plc['failed']}",
             flush=True,
         )
-        if seen["gaps"] != seen["missed"] + counted:
+        if plc["gaps"] != plc["missed"] + lost:
             raise SystemExit("something is lost that nobody has counted")
 
 
@@ -198,12 +198,12 @@ def end(process: subprocess.Popen[str]) -> None:
 
 def wait(condition: Callable[[], Any]) -> Any:
     """Wait until `condition` returns a true value, and return the value. Raises SystemExit after 40 s."""
-    deadline = time.monotonic() + PATIENCE
-    while not (found := condition()):
+    deadline = time.monotonic() + TIMEOUT
+    while not (value := condition()):
         if time.monotonic() > deadline:
             raise SystemExit("something did not come")
         time.sleep(0.05)
-    return found
+    return value
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from shmgen.runtime import ShmError
 
 PAUSE = 0.02
 """Seconds between two calls."""
-LATE = 0.5
+STALE = 0.5
 """Seconds until a topic is stale: tTimeout of the PLC's function block."""
 DEPTH = 255
 
@@ -34,10 +34,10 @@ class Plc:
         self.calls: list[float] = []
         self.failed = 0
         self.stale_since = 0.0
-        for work in (self.speak, self.hear, self.serve, self.call):
+        for work in (self.publish_state, self.read_state, self.serve, self.call):
             threading.Thread(target=work, daemon=True).start()
 
-    def speak(self) -> None:
+    def publish_state(self) -> None:
         with PointPublisher(f"/{self.me}/state", depth=DEPTH) as publisher:
             begun = time.monotonic()
             while True:
@@ -45,7 +45,7 @@ class Plc:
                 publisher.publish(Point(x=self.sent, y=time.monotonic()))
                 time.sleep(max(0.0, begun + self.sent / self.rate - time.monotonic()))
 
-    def hear(self) -> None:
+    def read_state(self) -> None:
         with PointSubscriber(f"/{self.other}/state", depth=DEPTH) as self.reader:
             while True:
                 self.reader.ready(0.01)
@@ -53,7 +53,7 @@ class Plc:
                     self.gaps += max(0, int(state.x) - self.last - 1) if self.last else 0
                     self.last = int(state.x)
                     self.late.append(time.monotonic() - state.y)
-                stale = self.reader.is_stale(LATE)
+                stale = self.reader.is_stale(STALE)
                 self.stale_since = (self.stale_since or time.monotonic()) if stale else 0.0
 
     def serve(self) -> None:
@@ -72,24 +72,24 @@ class Plc:
                     self.failed += 1
                 time.sleep(PAUSE)
 
-    def seen(self, new: bool) -> dict[str, object]:
+    def statistics(self, new: bool) -> dict[str, object]:
         """Return the statistics. `gaps` counts missing sample numbers, and `missed` is the counter of the subscriber.
 
         If `new` is true, start new lists of times.
         """
-        said = {"late": self.late, "calls": self.calls, "failed": self.failed, "stale_since": self.stale_since}
-        said |= {"gaps": self.gaps, "missed": self.reader.missed, "last": self.last}
+        counts = {"late": self.late, "calls": self.calls, "failed": self.failed, "stale_since": self.stale_since}
+        counts |= {"gaps": self.gaps, "missed": self.reader.missed, "last": self.last}
         if new:
             self.late, self.calls = [], []
-        return said
+        return counts
 
 
 def main(me: str, other: str, rate: str) -> None:
-    """Simulate the PLC until standard input ends."""
+    """Run the simulated PLC until standard input ends."""
     plc = Plc(me, other, float(rate))
     print("ready", flush=True)
     for line in sys.stdin:
-        print(json.dumps(plc.seen(line == "new\n")), flush=True)
+        print(json.dumps(plc.statistics(line == "new\n")), flush=True)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ TAP_WITHOUT_HEADER = 0x0002 | 0x1000
 
 
 def main(*pids: str) -> None:
-    """Simulate the cable until standard input ends."""
+    """Run the simulated cable until standard input ends."""
     ends = [tap(pid) for pid in pids]
     print("ready", flush=True)
     loss = 0.0

@@ -9,7 +9,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
-from stage import cell  # noqa: E402 it lies beside the examples
+from stage import cell  # noqa: E402 the module is in examples/
 
 
 def main() -> int:

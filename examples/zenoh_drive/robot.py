@@ -7,7 +7,7 @@ import sys
 from zenoh_ros2_sdk import ROS2Publisher, ROS2Subscriber
 
 FLOAT64 = {"msg_type": "std_msgs/msg/Float64", "msg_definition": "float64 data"}
-PATIENCE = 20  # s; timeout of the discovery
+TIMEOUT = 20  # s; timeout of the discovery
 
 
 def main() -> int:
@@ -15,7 +15,7 @@ def main() -> int:
     actual: queue.Queue[float] = queue.Queue()
     ROS2Subscriber("/drive/actual", callback=lambda message: actual.put(message.data), **FLOAT64)
     setpoint = ROS2Publisher("/drive/setpoint", **FLOAT64)
-    for _ in range(PATIENCE * 5):  # until the bridge has discovered this node
+    for _ in range(TIMEOUT * 5):  # until the bridge has discovered this node
         setpoint.publish(data=0.0)
         try:
             actual.get(timeout=0.2)
@@ -26,7 +26,7 @@ def main() -> int:
         while not actual.empty():
             actual.get()
         setpoint.publish(data=float(number))
-        reached = actual.get(timeout=PATIENCE)
+        reached = actual.get(timeout=TIMEOUT)
         print(f"   setpoint {number:g}       PLC: {reached:g}", flush=True)
         if reached != number / 2:
             return 1
