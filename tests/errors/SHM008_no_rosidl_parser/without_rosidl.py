@@ -1,4 +1,4 @@
-"""shmgen in a shell where no ROS is sourced, on a machine that has no python3-rosidl."""
+"""Runs shmgen in a shell without a sourced ROS, on a machine without python3-rosidl."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Writes 51 messages, each of which holds the next."""
+"""Writes 51 messages, each of which contains the next."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Lets one array grow after the run."""
+"""Enlarges an array after the code was generated."""
 
 import subprocess
 import sys

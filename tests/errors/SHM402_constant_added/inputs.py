@@ -1,4 +1,4 @@
-"""Adds a constant after the run."""
+"""Adds a constant after the code was generated."""
 
 import subprocess
 import sys

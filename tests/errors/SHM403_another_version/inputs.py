@@ -1,4 +1,4 @@
-"""Makes it look as if another shmgen had written a header."""
+"""Replaces a header and its hash in the lock, as another version of shmgen would."""
 
 import hashlib
 import subprocess

@@ -1,4 +1,4 @@
-"""Leaves what a killed run leaves."""
+"""Creates a temporary file, as a killed run leaves it."""
 
 import subprocess
 import sys

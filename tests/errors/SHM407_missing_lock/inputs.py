@@ -1,4 +1,4 @@
-"""Deletes the lock."""
+"""Deletes layout.lock."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Has the program called less often after the run."""
+"""Sets a longer task interval after the code was generated."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Changes a unit and exchanges two constants after the run."""
+"""Changes a unit and exchanges two constants after the code was generated."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Asks shmgen about a file in /dev/shm that is not a region, under a name that no other test has."""
+"""Runs `shmgen info` for a file in /dev/shm that is not a region. No other test uses its name."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""Calls a service that has no server, under a name that no other test has, and removes the region of the request."""
+"""Calls a service that has no server, and removes its regions. No other test uses its name."""
 
 import contextlib
 import io
