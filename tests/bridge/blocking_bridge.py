@@ -1,7 +1,7 @@
-"""Runs `shmgen bridge` with a backend whose calls block: `blocking_bridge.py CALL HELD TRIGGER`.
+"""Run `shmgen bridge` with a backend whose calls block: `blocking_bridge.py CALL HELD TRIGGER`.
 
-CALL is the name of the call that blocks: `publish`, `create`, `discover` or `close`. HELD is `held` if it blocks with
-the GIL held, as rclpy can in Fast DDS. A call blocks as soon as the file TRIGGER exists.
+CALL is the name of the call that blocks: `publish`, `create`, `discover` or `close`. HELD is `held` if the call keeps
+the GIL while it blocks, as rclpy can in Fast DDS. A call blocks as soon as the file TRIGGER exists.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from shmgen.bridge.backend import Backend, RosClient, RosPublisher, RosSubscript
 from shmgen.bridge.common import choice
 from shmgen.cli.main import main
 
-call, held, trigger = sys.argv[1], sys.argv[2] == "held", Path(sys.argv[3])
+call, keeps_gil, trigger = sys.argv[1], sys.argv[2] == "held", Path(sys.argv[3])
 
 
 def block(name: str, topic: str = "") -> None:
-    """Block for good if the call is for the topic `/…/blocked` or for no topic."""
+    """Block permanently if the call is for the topic `/…/blocked` or for no topic."""
     if name == call and topic.endswith("blocked" if topic else "") and trigger.exists():
-        library = ctypes.PyDLL(None) if held else ctypes.CDLL(None)
+        library = ctypes.PyDLL(None) if keeps_gil else ctypes.CDLL(None)
         mutex = ctypes.create_string_buffer(64)  # PTHREAD_MUTEX_INITIALIZER; no signal interrupts the second lock
         library.pthread_mutex_lock(mutex)
         library.pthread_mutex_lock(mutex)
 
 
 class Blocking(Backend):
-    """A Backend with topics only."""
+    """A backend with topics only."""
 
     def __init__(self, report: Callable[[str], None]) -> None:
         super().__init__()

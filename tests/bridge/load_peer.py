@@ -2,7 +2,7 @@
 
     python load_peer.py source SPACE SECONDS | echo SPACE | sink SPACE | caller SPACE
 
-Times are of the monotonic clock, which all processes of a machine share.
+Times are from the monotonic clock, which all processes of a machine share.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import SetBool
 
 RATES = {f"t{number}": 100.0 for number in range(10)} | {"fast": 1000.0}
-"""Hz, by topic."""
+"""The rate of each topic in Hz."""
 
 
 def main(role, space, *more):
@@ -27,7 +27,7 @@ def main(role, space, *more):
 
 def source(space, seconds):
     publishers = {name: publisher(f"{space}/{name}") for name in RATES}
-    while not all(one.get_num_connections() for one in publishers.values()):
+    while not all(node.get_num_connections() for node in publishers.values()):
         time.sleep(0.01)
     print("connected", flush=True)
     sys.stdin.readline()
@@ -36,10 +36,10 @@ def source(space, seconds):
     def run(names, rate):
         message = PoseStamped()
         message.header.frame_id = "load"
-        begun = time.monotonic()
+        started_at = time.monotonic()
         for number in range(round(float(seconds) * rate)):
-            if (left := begun + number / rate - time.monotonic()) > 0:
-                time.sleep(left)
+            if (delay := started_at + number / rate - time.monotonic()) > 0:
+                time.sleep(delay)
             for name in names:
                 message.pose.position.x = number
                 message.pose.position.y = time.monotonic()
@@ -47,7 +47,7 @@ def source(space, seconds):
                 sent[name] += 1
 
     threads = [
-        threading.Thread(target=run, args=([name for name, own in RATES.items() if own == rate], rate))
+        threading.Thread(target=run, args=([name for name, topic_rate in RATES.items() if topic_rate == rate], rate))
         for rate in sorted(set(RATES.values()))
     ]
     for thread in threads:
@@ -55,7 +55,7 @@ def source(space, seconds):
     for thread in threads:
         thread.join()
     print(json.dumps(sent), flush=True)
-    sys.stdin.readline()  # stays, so that what is under way arrives
+    sys.stdin.readline()  # stay until the last messages have arrived
 
 
 def echo(space):
@@ -67,20 +67,20 @@ def echo(space):
 
 
 def sink(space):
-    seen = {name: [] for name in RATES}
+    rows_by_topic = {name: [] for name in RATES}
 
-    def take(message, name):
-        seen[name].append((message.pose.position.x, time.monotonic() - message.pose.position.y))
+    def append(message, name):
+        rows_by_topic[name].append((message.pose.position.x, time.monotonic() - message.pose.position.y))
 
     for name in RATES:
-        rospy.Subscriber(f"{space}/{name}_back", PoseStamped, take, name, tcp_nodelay=True)
+        rospy.Subscriber(f"{space}/{name}_back", PoseStamped, append, name, tcp_nodelay=True)
     print("ready", flush=True)
     sys.stdin.readline()
-    print(json.dumps({"seen": seen, "dropped": 0}), flush=True)
+    print(json.dumps({"seen": rows_by_topic, "dropped": 0}), flush=True)
 
 
 def caller(space):
-    """There is always a call that waits."""
+    """Call the service in a loop, so that one call is always pending."""
     call = rospy.ServiceProxy(f"{space}/call", SetBool)
     print("ready", flush=True)
     while not rospy.is_shutdown():

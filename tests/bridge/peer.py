@@ -1,4 +1,4 @@
-"""A ROS 1 node that does what lines of JSON on its standard input tell it, for tests; knows nothing of shmgen."""
+"""A ROS 1 node for tests, without code of shmgen. It executes commands: lines of JSON on its standard input."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def main():
 
 
 def advertise(topic, type, latch=False):
-    kind = roslib.message.get_message_class(type)
-    publishers[topic] = rospy.Publisher(topic, kind, queue_size=1000, latch=latch, tcp_nodelay=True)
+    message_class = roslib.message.get_message_class(type)
+    publishers[topic] = rospy.Publisher(topic, message_class, queue_size=1000, latch=latch, tcp_nodelay=True)
 
 
 def connected(topic):
-    """Waits for a subscriber."""
+    """Wait up to 20 s for a subscriber, and return the number of connections."""
     deadline = time.monotonic() + 20
     while not publishers[topic].get_num_connections() and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -44,21 +44,21 @@ def publish(topic, messages, period=0.0):
 
 
 def subscribe(topic, type):
-    def take(message):
+    def append(message):
         with news:
-            received[topic].append(plain(message))
+            received[topic].append(to_plain(message))
             news.notify_all()
 
     received[topic] = []
-    rospy.Subscriber(topic, roslib.message.get_message_class(type), take, tcp_nodelay=True)
+    rospy.Subscriber(topic, roslib.message.get_message_class(type), append, tcp_nodelay=True)
 
 
 def take(topic, count, timeout=20.0):
-    """So many of the messages that have come and were not taken yet; fewer if they do not come in time."""
+    """Remove and return the oldest `count` received messages, or fewer after `timeout` seconds."""
     with news:
         news.wait_for(lambda: len(received[topic]) >= count, timeout)
-        taken, received[topic][:count] = received[topic][:count], []
-        return taken
+        messages, received[topic][:count] = received[topic][:count], []
+        return messages
 
 
 def forget(topic):
@@ -66,49 +66,49 @@ def forget(topic):
 
 
 def serve(service, type, answers):
-    """Each call gets the next of `answers`; None is a failure."""
-    kind = roslib.message.get_service_class(type)
+    """Answer each call with the next of `answers`. None makes the call fail."""
+    service_class = roslib.message.get_service_class(type)
 
     def handle(request):
         values = answers.pop(0)
         if values is None:
             raise rospy.ServiceException("told to fail")
-        return kind._response_class(**values)
+        return service_class._response_class(**values)
 
-    rospy.Service(service, kind, handle)
+    rospy.Service(service, service_class, handle)
 
 
 def act(action, type):
-    """Serves an actionlib/Test: 13 is aborted, the rest counted up to with feedback."""
+    """Serve an actionlib/Test: publish the numbers below the goal as feedback, then succeed. Abort a goal of 13."""
     import actionlib
 
     def execute(goal):
         for number in range(goal.goal):
             if server.is_preempt_requested():
-                return server.set_preempted(kind().action_result.result.__class__(-number))
-            server.publish_feedback(kind().action_feedback.feedback.__class__(number))
+                return server.set_preempted(action_class().action_result.result.__class__(-number))
+            server.publish_feedback(action_class().action_feedback.feedback.__class__(number))
             time.sleep(0.02)
-        end = server.set_aborted if goal.goal == 13 else server.set_succeeded
-        return end(kind().action_result.result.__class__(goal.goal))
+        finish = server.set_aborted if goal.goal == 13 else server.set_succeeded
+        return finish(action_class().action_result.result.__class__(goal.goal))
 
-    kind = roslib.message.get_message_class(type)
-    servers[action] = server = actionlib.SimpleActionServer(action, kind, execute, auto_start=False)
+    action_class = roslib.message.get_message_class(type)
+    servers[action] = server = actionlib.SimpleActionServer(action, action_class, execute, auto_start=False)
     server.start()
 
 
 def seek(action, type, goal):
-    """Sends a goal."""
+    """Send a goal."""
     import actionlib
 
-    kind = roslib.message.get_message_class(type)
-    client = servers.setdefault(action, None) or actionlib.SimpleActionClient(action, kind)
+    action_class = roslib.message.get_message_class(type)
+    client = servers.setdefault(action, None) or actionlib.SimpleActionClient(action, action_class)
     servers[action] = client
     received[action] = []
     if not client.wait_for_server(rospy.Duration(10)):
         return "no server"
-    message = kind().action_goal.goal
+    message = action_class().action_goal.goal
     genpy.message.fill_message_args(message, [goal])
-    client.send_goal(message, feedback_cb=lambda feedback: received[action].append(plain(feedback)))
+    client.send_goal(message, feedback_cb=lambda feedback: received[action].append(to_plain(feedback)))
     return True
 
 
@@ -121,19 +121,19 @@ def state(action):
 
 
 def outcome(action):
-    """Status, result, and all feedback."""
+    """Return the status, the result and all feedback."""
     client = servers[action]
     client.wait_for_result(rospy.Duration(20))
-    return [client.get_state(), plain(client.get_result()), received[action]]
+    return [client.get_state(), to_plain(client.get_result()), received[action]]
 
 
-def plain(value):
+def to_plain(value):
     if isinstance(value, genpy.Message):
-        return {name: plain(getattr(value, name)) for name in value.__slots__}
+        return {name: to_plain(getattr(value, name)) for name in value.__slots__}
     if isinstance(value, genpy.rostime.TVal):
         return {"secs": value.secs, "nsecs": value.nsecs}
     if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
+        return [to_plain(item) for item in value]
     return list(value) if isinstance(value, bytes) else value
 
 

@@ -1,4 +1,4 @@
-"""Actions of a real ROS 1, actionlib's own, through the bridge, both ways; Python plays the PLC over the regions."""
+"""Test actionlib's actions of a real ROS 1 through the bridge, both ways. Python replaces the PLC at the regions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from shmgen.runtime import ServedGoal
 from ..support.ros1 import Bridge, Graph
 
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 1, 2, 3, 4, 5
-"""Of actionlib_msgs/GoalStatus; the PLC's are those of action_msgs."""
+"""The states of actionlib_msgs/GoalStatus. The PLC uses the states of action_msgs."""
 PLC_SUCCEEDED, PLC_CANCELED, PLC_ABORTED = 4, 5, 6
 TEST, MOVE = "actionlib/TestAction", "move_base_msgs/MoveBaseAction"
 DEFINITIONS = {
@@ -52,7 +52,7 @@ LIMIT = 20.0
 
 
 class Cell:
-    """The graph, the bridge, a peer, and the PLC's ends of the actions."""
+    """The graph, the bridge, a peer, and the PLC's servers and clients."""
 
     def __init__(self, graph: Graph, space: str) -> None:
         if subprocess.run([graph.python, "-c", "import actionlib, move_base_msgs"], check=False).returncode:
@@ -72,12 +72,12 @@ class Cell:
 
     @contextmanager
     def plc(self, name: str, handler: Callable[[ServedGoal[Any]], None]) -> Iterator[None]:
-        ended = threading.Event()
+        stop = threading.Event()
         route = self.routes[name]
 
         def run() -> None:
             with action_server(route.kinds)(route.entry.name) as served:
-                while not ended.is_set():
+                while not stop.is_set():
                     if goal := served.wait(0.05):
                         handler(goal)
 
@@ -86,7 +86,7 @@ class Cell:
         try:
             yield
         finally:
-            ended.set()
+            stop.set()
             thread.join(5)
 
     def client(self, name: str) -> Any:
@@ -94,8 +94,8 @@ class Cell:
         return action_client(route.kinds)(route.entry.name)
 
 
-def count_up(goal: ServedGoal[Any]) -> None:
-    """What the peer does as well; a goal below 0 is rejected."""
+def execute_goal(goal: ServedGoal[Any]) -> None:
+    """Execute a goal like tests/bridge/peer.py. Reject a goal below 0."""
     if goal.request.goal < 0:
         goal.reject()
         return
@@ -108,10 +108,10 @@ def count_up(goal: ServedGoal[Any]) -> None:
     (goal.abort if goal.request.goal == 13 else goal.succeed)(SimpleNamespace(result=goal.request.goal))
 
 
-def until(condition: Callable[[], Any], what: str) -> None:
+def until(condition: Callable[[], Any], event: str) -> None:
     deadline = time.monotonic() + LIMIT
     while not condition():
-        assert time.monotonic() < deadline, f"{what} did not come"
+        assert time.monotonic() < deadline, f"{event} did not come"
         time.sleep(0.01)
 
 
@@ -120,18 +120,18 @@ def cell(graph: Graph, space: str) -> Cell:
     return Cell(graph, space)
 
 
-def test_ros_seeks_and_the_plc_acts(cell: Cell) -> None:
-    def sought(order: int) -> Any:
+def test_plc_serves_goals_of_a_ros_client(cell: Cell) -> None:
+    def send_goal(order: int) -> Any:
         assert cell.ask("seek", "reach", type=TEST, goal={"goal": order}) is True
         return cell.ask("outcome", "reach")
 
-    with cell.plc("reach", count_up):
-        status, result, feedback = sought(9)
+    with cell.plc("reach", execute_goal):
+        status, result, feedback = send_goal(9)
         assert (status, result) == (SUCCEEDED, {"result": 9})
-        assert [one["feedback"] for one in feedback] == sorted({one["feedback"] for one in feedback})
+        assert [item["feedback"] for item in feedback] == sorted({item["feedback"] for item in feedback})
         assert len(feedback) >= 5
-        assert sought(-1)[0] == REJECTED
-        assert sought(13)[:2] == [ABORTED, {"result": 13}]
+        assert send_goal(-1)[0] == REJECTED
+        assert send_goal(13)[:2] == [ABORTED, {"result": 13}]
         assert cell.ask("seek", "reach", type=TEST, goal={"goal": 10**6}) is True
         until(lambda: cell.ask("state", "reach") == ACTIVE, "its begin")
         cell.ask("cancel", "reach")
@@ -146,8 +146,8 @@ def test_ros_seeks_and_the_plc_acts(cell: Cell) -> None:
     assert not [line for line in cell.bridge.lines if "Traceback" in line or "Error" in line]
 
 
-def test_a_definition_with_messages_in_it_and_a_plc_that_is_off(cell: Cell) -> None:
-    """What actionlib generated for move_base_msgs has the md5 sums of ours."""
+def test_goal_with_nested_messages_passes(cell: Cell) -> None:
+    """Send a goal with actionlib's generated classes, which requires equal md5 sums."""
     goal = {"target_pose": {"header": {"frame_id": "map"}, "pose": {"position": {"x": 1.5}}}}
     assert cell.ask("seek", "drive", type=MOVE, goal=goal) is True
     assert cell.ask("outcome", "drive")[0] == REJECTED
@@ -155,32 +155,32 @@ def test_a_definition_with_messages_in_it_and_a_plc_that_is_off(cell: Cell) -> N
 
     def drive(goal: ServedGoal[Any]) -> None:
         goal.publish_feedback(SimpleNamespace(base_position=goal.request.target_pose))
-        time.sleep(0.2)  # feedback and result are topics, and actionlib hears no feedback behind the result
+        time.sleep(0.2)  # feedback and result are topics, and actionlib ignores feedback after the result
         goal.succeed(SimpleNamespace())
 
     with cell.plc("drive", drive):
         assert cell.ask("seek", "drive", type=MOVE, goal=goal) is True
         status, _, feedback = cell.ask("outcome", "drive")
         assert status == SUCCEEDED
-        (seen,) = (one["base_position"] for one in feedback)
-        assert (seen["header"]["frame_id"], seen["pose"]["position"]["x"]) == ("map", 1.5)
+        (received,) = (item["base_position"] for item in feedback)
+        assert (received["header"]["frame_id"], received["pose"]["position"]["x"]) == ("map", 1.5)
 
 
-def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
+def test_ros_serves_goals_of_a_plc_client(cell: Cell) -> None:
     with cell.client("of/ros") as plc:
         plc.send_goal(SimpleNamespace(goal=5), 5)
         assert plc.result(LIMIT).status == PLC_ABORTED
         cell.bridge.wait_for_line("no server within 3 s")
         cell.ask("act", "of/ros", type=TEST)
         plc.send_goal(SimpleNamespace(goal=9), 5)
-        seen = []
+        received = []
         while (outcome := plc.poll()) is None:
             if feedback := plc.feedback():
-                seen.append(feedback.feedback)
+                received.append(feedback.feedback)
             time.sleep(0.001)
         assert (outcome.status, outcome.result.result) == (PLC_SUCCEEDED, 9)
-        assert seen == sorted(set(seen))
-        assert len(seen) >= 5
+        assert received == sorted(set(received))
+        assert len(received) >= 5
         plc.send_goal(SimpleNamespace(goal=13), 5)
         assert plc.result(LIMIT).status == PLC_ABORTED
         plc.send_goal(SimpleNamespace(goal=10**6), 5)

@@ -1,4 +1,4 @@
-"""ROS's own arguments, where no ROS reads them: the same rules, and nothing is ignored silently."""
+"""Test ROS's command-line arguments in backends without ROS: ROS's rules apply, and ignored arguments are listed."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from shmgen.core.diagnostics import Span
     ],
 )
 def test_names_follow_the_rules_of_ros_2(words: str, names: dict[str, str]) -> None:
-    given = parse(("--ros-args", *words.split()), "bridge")
-    assert {name: given.resolve(name) for name in names} == names
-    assert given.use_sim_time == ("use_sim_time" in words)
-    assert given.ignored == (["--log-level debug"] if "log-level" in words else [])
+    arguments = parse(("--ros-args", *words.split()), "bridge")
+    assert {name: arguments.resolve(name) for name in names} == names
+    assert arguments.use_sim_time == ("use_sim_time" in words)
+    assert arguments.ignored == (["--log-level debug"] if "log-level" in words else [])
 
 
 @pytest.mark.parametrize(
@@ -49,16 +49,16 @@ def test_names_follow_the_rules_of_ros_2(words: str, names: dict[str, str]) -> N
         ("__name:=x", "ROS's own follow --ros-args"),
     ],
 )
-def test_what_is_not_known_is_refused_by_name(words: str, why: str) -> None:
+def test_unknown_argument_is_refused_by_name(words: str, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         parse(tuple(words.split()), "bridge")
 
 
-def test_a_file_of_parameters_as_launch_writes_it(tmp_path: Path) -> None:
+def test_parameter_file_of_launch_is_read(tmp_path: Path) -> None:
     file = tmp_path / "launch_params"
     file.write_text("/**:\n  ros__parameters:\n    use_sim_time: true\n    other: 5\n")
-    given = parse(("--ros-args", "--params-file", str(file)), "bridge")
-    assert (given.use_sim_time, given.ignored) == (True, ["parameter other"])
+    arguments = parse(("--ros-args", "--params-file", str(file)), "bridge")
+    assert (arguments.use_sim_time, arguments.ignored) == (True, ["parameter other"])
 
 
 @pytest.mark.parametrize(
@@ -70,8 +70,8 @@ def test_a_file_of_parameters_as_launch_writes_it(tmp_path: Path) -> None:
         ("-p bridge:rate:=5 -r __ns:=/cell1", {}),
     ],
 )
-def test_a_parameter_with_a_node_name_is_for_that_node_only(words: str, parameters: dict[str, str]) -> None:
-    """The expected values are those of rclpy in Jazzy, for the names that both accept."""
+def test_parameter_with_a_node_name_is_for_that_node_only(words: str, parameters: dict[str, str]) -> None:
+    """Return the parameters that rclpy in Jazzy returns, for the names that both accept."""
     assert parse(("--ros-args", *words.split()), "bridge").parameters == parameters
 
 
@@ -102,8 +102,8 @@ other:
 
 
 @pytest.mark.parametrize(("space", "parameters"), [("/", {"rate": "2.0"}), ("/cell1", {"rate": "3.0", "stale": "4.0"})])
-def test_a_file_has_parameters_of_several_nodes(space: str, parameters: dict[str, str], tmp_path: Path) -> None:
-    """The file is a pipe, which can be read once only: a shell passes `<(command)` that way."""
+def test_parameter_file_may_serve_several_nodes(space: str, parameters: dict[str, str], tmp_path: Path) -> None:
+    """Read the file from a pipe, which can be read only once: a shell passes `<(command)` that way."""
     pipe = tmp_path / "parameters"
     os.mkfifo(pipe)
     writer = threading.Thread(target=pipe.write_text, args=(FILE,), daemon=True)
@@ -122,13 +122,13 @@ def test_a_file_has_parameters_of_several_nodes(space: str, parameters: dict[str
         ("rate", "params: rate is not in ros__parameters"),
     ],
 )
-def test_a_file_that_has_no_parameters_is_refused_with_its_place(text: str, why: str, tmp_path: Path) -> None:
+def test_invalid_parameter_file_is_refused_with_position(text: str, why: str, tmp_path: Path) -> None:
     (tmp_path / "params").write_text(text)
     with pytest.raises(ValueError, match=why):
         parse(("--ros-args", "--params-file", str(tmp_path / "params")), "bridge")
 
 
-def test_an_empty_file_has_no_parameters(tmp_path: Path) -> None:
+def test_empty_parameter_file_has_no_parameters(tmp_path: Path) -> None:
     (tmp_path / "params").write_text("# none\n")
     assert not parse(("--ros-args", "--params-file", str(tmp_path / "params")), "bridge").parameters
 
@@ -147,12 +147,12 @@ def test_rate_and_stale_apply_to_topics_without_these_keys(tmp_path: Path) -> No
     file.write_text("/**:\n  ros__parameters:\n    rate: 5.0\n    stale: 0.5\n")
     config = Config(tmp_path, topics=(entry(), entry(rate=2.0)))
     words = ("--ros-args", "--params-file", str(file), "-p", "bridge:rate:=50")
-    with_both = with_parameters(config, parse(words, "bridge").parameters)
-    assert [(one.carried.rate, one.carried.stale) for one in with_both.topics] == [(50.0, 0.5), (2.0, 0.5)]
+    configured = with_parameters(config, parse(words, "bridge").parameters)
+    assert [(item.carried.rate, item.carried.stale) for item in configured.topics] == [(50.0, 0.5), (2.0, 0.5)]
     assert with_parameters(config, {}) == config
 
 
 @pytest.mark.parametrize("rule", ["rate:=fast", "rate:=-5", "rate:=20000", "stale:=0", "stale:=nan"])
-def test_a_rate_or_stale_out_of_range_is_refused(rule: str, tmp_path: Path) -> None:
+def test_rate_or_stale_out_of_range_is_refused(rule: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=f"parameter {rule.partition(':')[0]} is a number from "):
         with_parameters(Config(tmp_path, topics=(entry(),)), parse(("--ros-args", "-p", rule), "bridge").parameters)

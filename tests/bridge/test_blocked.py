@@ -1,4 +1,4 @@
-"""A library that blocks, with the GIL held or without, ends the bridge or one topic, and never stops it silently."""
+"""Test that a blocking library call, with or without the GIL, ends the bridge or one topic instead of a silent stop."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from ..support.standby import file_of, words_of
 
 pytestmark = pytest.mark.skipif(watchdog.ALARM is None, reason="the extension was not compiled")
 BUSY = 3
-"""How many times longer than on a quiet machine everything may take."""
+"""The factor by which steps may take longer than on an idle machine."""
 
 
-class Blocked:
-    """A bridge whose backend blocks in one call as soon as `block` is called."""
+class BlockedBridge:
+    """A bridge whose backend blocks in the given call after `block()`."""
 
-    def __init__(self, folder: Path, space: str, call: str, held: str) -> None:
+    def __init__(self, folder: Path, space: str, call: str, gil: str) -> None:
         self.topics = {name: f"{space}/{name}" for name in ("in", "out", "blocked")}
         self.trigger = folder / "trigger"
         entries = (("in", "to_plc"), ("out", "from_plc"), ("blocked", "from_plc"))
         (folder / "shmgen.toml").write_text(
             "[bridge]\ndiagnostics = 0\n"
             + "".join(
-                f'[[topics]]\ntopic = "{space}/{name}"\ntype = "std_msgs/Bool"\ndirection = "{way}"\ndepth = 8\n'
-                for name, way in entries
+                f'[[topics]]\ntopic = "{space}/{name}"\ntype = "std_msgs/Bool"\ndirection = "{direction}"\ndepth = 8\n'
+                for name, direction in entries
             )
         )
         self.command = [
             sys.executable,
             str(REPOSITORY / "tests/bridge/blocking_bridge.py"),
             call,
-            held,
+            gil,
             str(self.trigger),
         ]
         self.folder = folder
@@ -68,8 +68,8 @@ class Blocked:
         with publisher(kind, self.topics[name], 8) as writer:
             writer.publish(kind())
 
-    def ended(self, seconds: float) -> int:
-        """Return the exit code, which must come within so many seconds."""
+    def wait_for_end(self, seconds: float) -> int:
+        """Return the exit code. Fail if the process runs longer than `seconds`."""
         try:
             return self.process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -77,90 +77,90 @@ class Blocked:
 
 
 @pytest.fixture
-def blocked(tmp_path: Path, space: str) -> Iterator[Callable[..., Blocked]]:
-    made: list[Blocked] = []
+def start_blocked(tmp_path: Path, space: str) -> Iterator[Callable[..., BlockedBridge]]:
+    bridges: list[BlockedBridge] = []
 
-    def make(call: str, held: str, at_once: bool = False) -> Blocked:
+    def start(call: str, gil: str, at_once: bool = False) -> BlockedBridge:
         if at_once:
             (tmp_path / "trigger").touch()
-        made.append(Blocked(tmp_path, space, call, held))
-        return made[-1]
+        bridges.append(BlockedBridge(tmp_path, space, call, gil))
+        return bridges[-1]
 
-    yield make
-    for one in made:
-        one.process.kill()
-        one.process.communicate()
+    yield start
+    for blocked_bridge in bridges:
+        blocked_bridge.process.kill()
+        blocked_bridge.process.communicate()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("call", ["publish", "discover"])
-def test_a_call_that_holds_the_gil_ends_the_process(blocked: Callable[..., Blocked], call: str) -> None:
-    """All stacks are printed, and a restart brings the topics back within four seconds."""
-    one = blocked(call, "held")
-    one.bridge.wait_for_line("^running")
-    one.block()
+def test_blocked_call_with_the_gil_ends_the_process(start_blocked: Callable[..., BlockedBridge], call: str) -> None:
+    """Print all stacks and exit. After a restart, the topics are served again within seconds."""
+    run = start_blocked(call, "held")
+    run.bridge.wait_for_line("^running")
+    run.block()
     if call == "publish":
-        one.publish("blocked")
-    assert one.ended(watchdog.STALL_LIMIT + 10) == 1
-    one.bridge.wait_for_line(r"blocking_bridge.py.* in block")
-    one.bridge.wait_for_line("^Timeout")
-    one.process.communicate()
-    one.trigger.unlink()
-    one.start()
-    begun = time.monotonic()
-    one.bridge.wait_for_line("^running")
-    before = one.heartbeat()
-    wait_for(lambda: one.heartbeat() != before, "a heartbeat")
-    assert time.monotonic() - begun < 4 * BUSY
+        run.publish("blocked")
+    assert run.wait_for_end(watchdog.STALL_LIMIT + 10) == 1
+    run.bridge.wait_for_line(r"blocking_bridge.py.* in block")
+    run.bridge.wait_for_line("^Timeout")
+    run.process.communicate()
+    run.trigger.unlink()
+    run.start()
+    started_at = time.monotonic()
+    run.bridge.wait_for_line("^running")
+    before = run.heartbeat()
+    wait_for(lambda: run.heartbeat() != before, "a heartbeat")
+    assert time.monotonic() - started_at < 4 * BUSY
 
 
-@pytest.mark.parametrize(("number", "held"), [(signal.SIGTERM, "held"), (signal.SIGINT, "free")])
-def test_a_signal_ends_a_process_that_a_library_blocks(
-    blocked: Callable[..., Blocked], number: signal.Signals, held: str
+@pytest.mark.parametrize(("number", "gil"), [(signal.SIGTERM, "held"), (signal.SIGINT, "free")])
+def test_signal_ends_a_blocked_process(
+    start_blocked: Callable[..., BlockedBridge], number: signal.Signals, gil: str
 ) -> None:
-    one = blocked("discover", held)
-    one.bridge.wait_for_line("^running")
-    one.block()
+    run = start_blocked("discover", gil)
+    run.bridge.wait_for_line("^running")
+    run.block()
     time.sleep(0.5)
-    begun = time.monotonic()
-    one.process.send_signal(number)
-    assert one.ended(watchdog.STOP_LIMIT + 3) == -signal.SIGALRM
-    assert time.monotonic() - begun > 1
-    one.bridge.wait_for_line(r"blocking_bridge.py.* in block")
+    started_at = time.monotonic()
+    run.process.send_signal(number)
+    assert run.wait_for_end(watchdog.STOP_LIMIT + 3) == -signal.SIGALRM
+    assert time.monotonic() - started_at > 1
+    run.bridge.wait_for_line(r"blocking_bridge.py.* in block")
 
 
 @pytest.mark.slow
-def test_a_signal_ends_a_process_whose_library_blocks_while_it_leaves(blocked: Callable[..., Blocked]) -> None:
-    one = blocked("close", "held")
-    one.bridge.wait_for_line("^running")
-    one.block()
-    one.process.send_signal(signal.SIGTERM)
-    assert one.ended(watchdog.STOP_LIMIT + 3) == 1
-    one.bridge.wait_for_line(r"blocking_bridge.py.* in block")
+def test_signal_ends_a_process_blocked_in_close(start_blocked: Callable[..., BlockedBridge]) -> None:
+    run = start_blocked("close", "held")
+    run.bridge.wait_for_line("^running")
+    run.block()
+    run.process.send_signal(signal.SIGTERM)
+    assert run.wait_for_end(watchdog.STOP_LIMIT + 3) == 1
+    run.bridge.wait_for_line(r"blocking_bridge.py.* in block")
 
 
-def test_a_blocked_publish_stops_no_other_topic(blocked: Callable[..., Blocked]) -> None:
-    one = blocked("publish", "free")
-    one.bridge.wait_for_line("^running")
-    one.block()
-    one.publish("blocked")
-    one.bridge.wait_for_line("/blocked: a call of ROS has blocked for 0.5 s")
-    before = one.heartbeat()
-    one.publish("out")
-    one.bridge.wait_for_line(f"sent {one.topics['out']}")
-    wait_for(lambda: one.heartbeat() != before, "a heartbeat")
-    one.process.send_signal(signal.SIGTERM)
-    assert one.ended(3 * BUSY) == 0
+def test_blocked_publish_stops_no_other_topic(start_blocked: Callable[..., BlockedBridge]) -> None:
+    run = start_blocked("publish", "free")
+    run.bridge.wait_for_line("^running")
+    run.block()
+    run.publish("blocked")
+    run.bridge.wait_for_line("/blocked: a call of ROS has blocked for 0.5 s")
+    before = run.heartbeat()
+    run.publish("out")
+    run.bridge.wait_for_line(f"sent {run.topics['out']}")
+    wait_for(lambda: run.heartbeat() != before, "a heartbeat")
+    run.process.send_signal(signal.SIGTERM)
+    assert run.wait_for_end(3 * BUSY) == 0
 
 
-def test_ends_that_ros_does_not_create_stop_no_other_topic(blocked: Callable[..., Blocked]) -> None:
-    one = blocked("create", "free", at_once=True)
-    one.bridge.wait_for_line("/blocked: ROS has not connected it within")
-    one.bridge.wait_for_line("^running")
-    one.publish("out")
-    one.bridge.wait_for_line(f"sent {one.topics['out']}")
-    one.process.send_signal(signal.SIGTERM)
-    assert one.ended(3 * BUSY) == 0
+def test_blocked_creation_stops_no_other_topic(start_blocked: Callable[..., BlockedBridge]) -> None:
+    run = start_blocked("create", "free", at_once=True)
+    run.bridge.wait_for_line("/blocked: ROS has not connected it within")
+    run.bridge.wait_for_line("^running")
+    run.publish("out")
+    run.bridge.wait_for_line(f"sent {run.topics['out']}")
+    run.process.send_signal(signal.SIGTERM)
+    assert run.wait_for_end(3 * BUSY) == 0
 
 
 FLOOD = """
@@ -177,6 +177,6 @@ while os.waitpid(child, os.WNOHANG) == (0, 0):
 """
 
 
-def test_a_signal_between_any_two_instructions_blocks_nothing() -> None:
-    """Handlers run in the main thread, also while it waits or clears: a lock that it holds then must not be needed."""
+def test_flood_of_signals_does_not_deadlock_the_bridge() -> None:
+    """Send many signals: a handler runs in the main thread and must not need a lock that this thread holds."""
     subprocess.run([sys.executable, "-c", FLOOD], check=True, timeout=LIMIT)

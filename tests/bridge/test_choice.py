@@ -1,4 +1,4 @@
-"""Which backend it is, why, and what to install where there is none."""
+"""Test which backend the bridge selects and why, and the hint if a backend is missing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..support import ros2
 
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
-    """What can be imported, as far as backends ask."""
+    """The names of the modules that backends can import."""
     names: set[str] = set()
     monkeypatch.delenv("ROS_VERSION", raising=False)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name if name in names else None)
@@ -27,7 +27,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("version", "there", "chosen"),
+    ("version", "names", "chosen"),
     [
         (None, {"rospy"}, ("ros1", "rospy is installed")),
         (None, {"rospy", "rclpy", "cyclonedds"}, ("ros2", "rclpy is installed")),
@@ -37,32 +37,32 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> set[str]:
         ("2", set(), ("ros2", "ROS_VERSION is 2")),
     ],
 )
-def test_by_itself(
-    installed: set[str], monkeypatch: pytest.MonkeyPatch, version: str | None, there: set[str], chosen: tuple[str, str]
+def test_auto_selects_an_installed_backend(
+    installed: set[str], monkeypatch: pytest.MonkeyPatch, version: str | None, names: set[str], chosen: tuple[str, str]
 ) -> None:
-    installed |= there
+    installed |= names
     if version:
         monkeypatch.setenv("ROS_VERSION", version)
     assert choice.chosen("auto") == chosen
 
 
-def test_as_told(installed: set[str]) -> None:
+def test_configured_backend_is_used(installed: set[str]) -> None:
     assert choice.chosen("dds") == ("dds", "as configured")
 
 
 @pytest.mark.parametrize("backend", ["ros2", "dds", "zenoh", "ros1"])
-def test_a_missing_one_says_what_to_install(installed: set[str], backend: str) -> None:
+def test_missing_backend_error_has_an_install_hint(installed: set[str], backend: str) -> None:
     with pytest.raises(BackendMissing, match=f"backend {backend}: .* is missing\n  hint: .*(apt-get|source|pip) "):
         choice.module(backend)
 
 
-def test_none_at_all(installed: set[str]) -> None:
+def test_error_lists_all_backends_if_none_is_installed(installed: set[str]) -> None:
     with pytest.raises(BackendMissing, match=r"no backend is installed\n  ros2: .*\n  dds: .*\n  zenoh: .*\n  ros1: "):
         choice.chosen("auto")
 
 
-def test_the_command_says_so(tmp_path: Path) -> None:
-    """In a Python without any of them."""
+def test_command_reports_a_missing_backend(tmp_path: Path) -> None:
+    """Report the missing backend in a Python without rclpy, and an empty configuration before that."""
     (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
     hide = "import sys; sys.modules['rclpy'] = None; from shmgen.__main__ import main; main()"
     command = [sys.executable, "-c", hide, "bridge", "--backend", "ros2"]
@@ -82,7 +82,7 @@ OTHER_PYTHON = "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was b
 
 
 @pytest.mark.parametrize(
-    ("rclpy", "said"),
+    ("rclpy", "message"),
     [
         ("import yaml", "rclpy needs yaml, which is missing here\n  hint: `{python} -m pip install pyyaml`"),
         ("import rclpy._rclpy_pybind11", f"rclpy cannot be loaded, No module named .*\n  hint: {OTHER_PYTHON}"),
@@ -94,8 +94,8 @@ OTHER_PYTHON = "`source /opt/ros/jazzy/setup.bash`, in the Python that ROS was b
     ],
     ids=["no PyYAML", "another Python", "not sourced", "no PyYAML, with the real one"],
 )
-def test_what_rclpy_misses_is_said_with_the_line_to_type(tmp_path: Path, rclpy: str, said: str) -> None:
-    """PyYAML is a system package of Ubuntu, which pipx and a virtual environment do not see."""
+def test_unusable_rclpy_error_has_a_hint(tmp_path: Path, rclpy: str, message: str) -> None:
+    """Report also a missing PyYAML: on Ubuntu it is a system package, invisible to pipx and virtual environments."""
     (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
     python = Path(sys.executable) if rclpy else ros2.prefix("jazzy") / "bin" / "python"
     if rclpy:
@@ -106,5 +106,5 @@ def test_what_rclpy_misses_is_said_with_the_line_to_type(tmp_path: Path, rclpy: 
     environment = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{tmp_path}", "PATH": ""}
     result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert (result.returncode, result.stdout) == (1, "")
-    line = re.escape("shmgen.toml: error[SHM706]: backend ros2: ") + said.format(python=re.escape(str(python)))
+    line = re.escape("shmgen.toml: error[SHM706]: backend ros2: ") + message.format(python=re.escape(str(python)))
     assert re.fullmatch(f"{line}\n", result.stderr), result.stderr

@@ -1,4 +1,4 @@
-"""The contract of backends, kept by all and by that of docs/adding-a-backend.md; and red for each that breaks it."""
+"""Test that all backends and that of docs/adding-a-backend.md keep the contract, and that broken backends fail it."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ from ..support.dds import Domain
 from . import contract
 
 PAGE = REPOSITORY / "docs" / "adding-a-backend.md"
-HERE = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"}
+ENVIRONMENT = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"}
 
 
-def with_rospy(folder: Path, number: int) -> Any:
+def start_ros1(folder: Path, number: int) -> Any:
     graph = ros1.Graph(folder)
-    return graph, graph.start([graph.python, "-m", "tests.bridge.contract", "ros1"], HERE)
+    return graph, graph.start([graph.python, "-m", "tests.bridge.contract", "ros1"], ENVIRONMENT)
 
 
-def with_rclpy(distribution: str) -> Callable[[Path, int], Any]:
+def start_ros2(distribution: str) -> Callable[[Path, int], Any]:
     def start(folder: Path, number: int) -> Any:
         graph = ros2.Graph(folder, number, distribution)
-        return graph, graph.start([graph.python, "-m", "tests.bridge.contract", "ros2"], HERE)
+        return graph, graph.start([graph.python, "-m", "tests.bridge.contract", "ros2"], ENVIRONMENT)
 
     return start
 
 
-def with_cyclone(folder: Path, number: int) -> Any:
+def start_dds(folder: Path, number: int) -> Any:
     if importlib.util.find_spec("cyclonedds") is None:
         pytest.skip("no cyclonedds here")
     domain = Domain(folder, number)
     return domain, domain.start([sys.executable, "-m", "tests.bridge.contract", "dds"])
 
 
-def with_zenoh(folder: Path, number: int) -> Any:
+def start_zenoh(folder: Path, number: int) -> Any:
     for package in ("zenoh", "xxhash"):
         pytest.importorskip(package, exc_type=Exception)
     graph = zenoh.Graph(folder, number)
@@ -58,30 +58,30 @@ def with_zenoh(folder: Path, number: int) -> Any:
     return graph, graph.start([sys.executable, "-m", "tests.bridge.contract", "zenoh"])
 
 
-def within_a_process(folder: Path, number: int) -> Any:
-    """That of the page, in a copy of the repository."""
+def start_memory(folder: Path, number: int) -> Any:
+    """Start the checks of the page's backend in a copy of the repository."""
     pages.follow(PAGE, "memory_backend", pages.copy(folder))
     domain = Domain(folder, number)
-    where = {"PYTHONPATH": f"{folder / 'src'}:{folder}"}
-    return domain, domain.start([sys.executable, "-m", "tests.bridge.contract", "memory"], where)
+    environment = {"PYTHONPATH": f"{folder / 'src'}:{folder}"}
+    return domain, domain.start([sys.executable, "-m", "tests.bridge.contract", "memory"], environment)
 
 
 BACKENDS: dict[str, Callable[[Path, int], Any]] = {
-    "ros1": with_rospy,
-    "ros2 jazzy": with_rclpy("jazzy"),
-    "ros2 kilted": with_rclpy("kilted"),
-    "dds": with_cyclone,
-    "zenoh": with_zenoh,
-    "memory": within_a_process,
+    "ros1": start_ros1,
+    "ros2 jazzy": start_ros2("jazzy"),
+    "ros2 kilted": start_ros2("kilted"),
+    "dds": start_dds,
+    "zenoh": start_zenoh,
+    "memory": start_memory,
 }
-"""What starts the checks of each in a graph; gives what to close, and the process."""
+"""Functions that start the checks of a backend. They return the graph to close, and the process."""
 
 
 @pytest.fixture(scope="module", params=BACKENDS)
 def outcome(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, testrun_uid: str, worker_id: str
 ) -> dict[str, str]:
-    """Each check with what it said of the backend; nothing where the backend kept it."""
+    """The traceback of each check, or `""` if the backend passed."""
     number = 1 + (zlib.crc32(testrun_uid.encode()) + zlib.crc32(worker_id.encode()) + 25) % 100
     graph, process = BACKENDS[request.param](tmp_path_factory.mktemp("contract"), number)
     try:
@@ -94,16 +94,16 @@ def outcome(
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.family("[memory-")
-def test_it_is_kept(outcome: dict[str, str], check: Callable[[contract.Scene], None]) -> None:
-    assert outcome.get(check.__name__, "it was never run") == ""
+def test_backend_keeps_the_contract(outcome: dict[str, str], check: Callable[[contract.Scene], None]) -> None:
+    assert outcome.get(check.__name__, "the check did not run") == ""
 
 
-# --- backends that each break one thing ----------------------------------------------------------------------
+# --- backends that each break one rule -----------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def memory(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
-    """The module of the page."""
+    """The module of the backend in docs/adding-a-backend.md."""
     folder = pages.copy(tmp_path_factory.mktemp("memory"))
     file = pages.follow(PAGE, "memory_backend", folder)[-1]
     spec = importlib.util.spec_from_file_location("shmgen_memory_of_the_page", file)
@@ -115,66 +115,66 @@ def memory(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     return module
 
 
-def out_of_order(module: ModuleType, backend: Any) -> None:
-    usual, held = backend.publisher, []
+def reorder_messages(module: ModuleType, backend: Any) -> None:
+    original, pending = backend.publisher, []
 
     def publisher(wire: Any) -> RosPublisher:
-        outlet = usual(wire)
+        outlet = original(wire)
 
         def send(message: Any) -> None:
-            held.append(message)
-            if len(held) == 2:
-                for one in reversed(held):
-                    outlet.send(one)
-                held.clear()
+            pending.append(message)
+            if len(pending) == 2:
+                for held_message in reversed(pending):
+                    outlet.send(held_message)
+                pending.clear()
 
         return RosPublisher(outlet.new, send)
 
     backend.publisher = publisher
 
 
-def slow(module: ModuleType, backend: Any) -> None:
-    usual = backend.publisher
+def send_slowly(module: ModuleType, backend: Any) -> None:
+    original = backend.publisher
 
     def publisher(wire: Any) -> RosPublisher:
-        outlet = usual(wire)
+        outlet = original(wire)
         return RosPublisher(outlet.new, lambda message: time.sleep(contract.AT_ONCE / 80) or outlet.send(message))
 
     backend.publisher = publisher
 
 
-def without_latch(module: ModuleType, backend: Any) -> None:
-    usual = backend.publisher
-    backend.publisher = lambda wire: usual(contract.Wire(wire.name, wire.messages))
+def ignore_latch(module: ModuleType, backend: Any) -> None:
+    original = backend.publisher
+    backend.publisher = lambda wire: original(contract.Wire(wire.name, wire.messages))
 
 
-def latching_all(module: ModuleType, backend: Any) -> None:
-    usual = backend.publisher
-    backend.publisher = lambda wire: usual(contract.Wire(wire.name, wire.messages, latch=True))
+def latch_all_topics(module: ModuleType, backend: Any) -> None:
+    original = backend.publisher
+    backend.publisher = lambda wire: original(contract.Wire(wire.name, wire.messages, latch=True))
 
 
-def two_at_once(module: ModuleType, backend: Any) -> None:
-    """Hands over in whatever thread sends."""
+def deliver_concurrently(module: ModuleType, backend: Any) -> None:
+    """Deliver each message in a new thread."""
 
     def subscribe(wire: Any, sink: Any) -> Any:
-        made = module.codec(wire.messages)
+        message_codec = module.codec(wire.messages)
 
         class Direct:
             def put(self, data: bytes) -> None:
-                module.threading.Thread(target=lambda: sink.take(made.decode(data)), daemon=True).start()
+                module.threading.Thread(target=lambda: sink.take(message_codec.decode(data)), daemon=True).start()
 
         module.TOPICS[wire.name].inlets.append(Direct())
-        return RosSubscription(made.new)
+        return RosSubscription(message_codec.new)
 
     backend.subscribe = subscribe
 
 
-def impatient(module: ModuleType, backend: Any) -> None:
-    """A call without an answer raises what nobody expects."""
-    usual = backend.client
+def raise_timeout_error(module: ModuleType, backend: Any) -> None:
+    """Raise TimeoutError instead of NoAnswer."""
+    original = backend.client
 
     def client(wire: Any) -> Any:
-        caller = usual(wire)
+        caller = original(wire)
 
         def call(request: Any, timeout: float) -> Any:
             try:
@@ -187,88 +187,88 @@ def impatient(module: ModuleType, backend: Any) -> None:
     backend.client = client
 
 
-def patient(module: ModuleType, backend: Any) -> None:
-    """A call waits as long as it likes."""
-    usual = backend.client
+def wait_too_long(module: ModuleType, backend: Any) -> None:
+    """Wait 20 times as long as the timeout of a call."""
+    original = backend.client
     backend.client = lambda wire: contract.RosClient(
-        usual(wire).new, lambda request, timeout: usual(wire).call(request, 20 * timeout)
+        original(wire).new, lambda request, timeout: original(wire).call(request, 20 * timeout)
     )
 
 
-def silent(module: ModuleType, backend: Any) -> None:
-    """Gives empty answers where there is none."""
-    usual = backend.serve
+def reply_to_failed_calls(module: ModuleType, backend: Any) -> None:
+    """Send an empty reply if a call fails."""
+    original = backend.serve
 
     def serve(wire: Any, answer: Any, refuse: Any) -> None:
-        def forgiving(request: Any, response: Any) -> None:
+        def answer_or_ignore(request: Any, response: Any) -> None:
             with contextlib.suppress(contract.NoAnswer):
                 answer(request, response)
 
-        usual(wire, forgiving, refuse)
+        original(wire, answer_or_ignore, refuse)
 
     backend.serve = serve
 
 
-def lingering(module: ModuleType, backend: Any) -> None:
+def close_slowly(module: ModuleType, backend: Any) -> None:
     backend.close = lambda: time.sleep(contract.AT_ONCE + 0.1)
 
 
-def deaf(module: ModuleType, backend: Any) -> None:
-    """Says that it has left, and goes on."""
+def ignore_close(module: ModuleType, backend: Any) -> None:
+    """Ignore close()."""
     backend.close = lambda: None
 
 
-def forgetting(module: ModuleType, backend: Any) -> None:
-    """Actions whose goals are all accepted."""
-    usual = backend.actions
+def accept_every_goal(module: ModuleType, backend: Any) -> None:
+    """Accept every goal, also if the worker rejects it."""
+    original = backend.actions
 
-    class Forgetting:
-        action_client = staticmethod(usual.action_client)
+    class AcceptingActions:
+        action_client = staticmethod(original.action_client)
 
         @staticmethod
-        def serve(backend: Any, wire: Any, worker: Any, mishaps: Any) -> None:
+        def serve(backend: Any, wire: Any, worker: Any, errors: Any) -> None:
             begin = worker.begin
             worker.begin = lambda goal: begin(goal) or True
-            usual.serve(backend, wire, worker, mishaps)
+            original.serve(backend, wire, worker, errors)
 
-    backend.actions = Forgetting
+    backend.actions = AcceptingActions
 
 
-def hoarding(module: ModuleType, backend: Any) -> None:
-    """Keeps a thread for each service that ever was."""
-    usual = backend.serve
+def leak_threads(module: ModuleType, backend: Any) -> None:
+    """Start a thread for each service and leave it running."""
+    original = backend.serve
 
     def serve(wire: Any, answer: Any, refuse: Any) -> None:
         module.threading.Thread(target=lambda: time.sleep(4.0), daemon=True).start()
-        usual(wire, answer, refuse)
+        original(wire, answer, refuse)
 
     backend.serve = serve
 
 
-def of_yesterday(module: ModuleType, backend: Any) -> None:
+def report_time_zero(module: ModuleType, backend: Any) -> None:
     backend.now = lambda: Time(0, 0)
 
 
 BROKEN = {
-    out_of_order: contract.what_is_sent_arrives_in_order,
-    slow: contract.nobody_has_to_listen,
-    without_latch: contract.what_is_latched_reaches_who_comes_late,
-    latching_all: contract.what_is_latched_reaches_who_comes_late,
-    two_at_once: contract.one_at_a_time_is_handed_over,
-    impatient: contract.nobody_there_is_no_answer,
-    patient: contract.an_answer_too_late_is_no_answer,
-    silent: contract.an_answer_that_fails_is_no_answer,
-    lingering: contract.it_leaves_at_once_and_for_good,
-    deaf: contract.it_leaves_at_once_and_for_good,
-    forgetting: contract.a_goal_that_is_not_accepted_is_none,
-    hoarding: contract.what_is_undone_leaves_nothing_behind,
-    of_yesterday: contract.it_is_alive_and_knows_the_time,
+    reorder_messages: contract.messages_arrive_in_order,
+    send_slowly: contract.sending_needs_no_subscriber,
+    ignore_latch: contract.latched_message_reaches_late_subscriber,
+    latch_all_topics: contract.latched_message_reaches_late_subscriber,
+    deliver_concurrently: contract.messages_are_delivered_one_at_a_time,
+    raise_timeout_error: contract.call_without_server_raises_no_answer,
+    wait_too_long: contract.late_reply_raises_no_answer,
+    reply_to_failed_calls: contract.failed_call_raises_no_answer,
+    close_slowly: contract.close_is_prompt_and_final,
+    ignore_close: contract.close_is_prompt_and_final,
+    accept_every_goal: contract.rejected_goal_returns_none,
+    leak_threads: contract.undo_leaves_no_threads_or_descriptors,
+    report_time_zero: contract.backend_is_alive_and_has_the_time,
 }
 
 
 @pytest.mark.parametrize("fault", BROKEN, ids=lambda fault: fault.__name__)
-@pytest.mark.family("[without_latch]", "[deaf]", "[forgetting]")
-def test_a_broken_one_is_found(
+@pytest.mark.family("[ignore_latch]", "[ignore_close]", "[accept_every_goal]")
+def test_contract_detects_a_broken_backend(
     memory: ModuleType, fault: Callable[[ModuleType, Any], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(contract, "LIMIT", 3.0)
@@ -276,17 +276,17 @@ def test_a_broken_one_is_found(
     memory.TOPICS.clear()
     memory.SERVICES.clear()
     backend = memory.connect(Node("broken", None, lambda line: None, lambda: False))
-    leave = backend.close
+    close = backend.close
     fault(memory, backend)
     try:
         with pytest.raises((AssertionError, TimeoutError)):
             BROKEN[fault](contract.Scene(backend, "jazzy", []))
     finally:
-        leave()
+        close()
 
 
-def test_the_bridge_takes_that_of_the_page(tmp_path: Path) -> None:
-    """By its name, in a copy of the repository, until it is told to stop."""
+def test_bridge_runs_the_backend_of_the_page(tmp_path: Path) -> None:
+    """Start the bridge with that backend in a copy of the repository, and stop it by SIGINT."""
     folder = pages.copy(tmp_path / "copy")
     pages.follow(PAGE, "memory_backend", folder)
     (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/shmgen_test/page"\ntype = "std_msgs/Bool"\n')
@@ -295,9 +295,9 @@ def test_the_bridge_takes_that_of_the_page(tmp_path: Path) -> None:
     try:
         with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout
-            found = any(line.startswith("running") for line in process.stdout)
+            is_running = any(line.startswith("running") for line in process.stdout)
             process.send_signal(signal.SIGINT)
-            assert (found, process.wait(20)) == (True, 0)
+            assert (is_running, process.wait(20)) == (True, 0)
     finally:
         for file in Path("/dev/shm").glob("*shmgen_test.page*"):
             file.unlink()

@@ -1,4 +1,4 @@
-"""One thread for many topics from the PLC: what one of them meets is not the others' affair."""
+"""Test the thread that serves many topics from the PLC: an error of one topic does not disturb the others."""
 
 from __future__ import annotations
 
@@ -22,49 +22,49 @@ from shmgen.runtime import LayoutMismatch, Subscriber
 
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
 
-SOON = 60
-"""Seconds: whatever takes longer is late on any machine."""
+LIMIT = 60
+"""Seconds after which an expected event counts as missing on any machine."""
 
 
 class Topic:
-    """What a listener hears, its writer, and what becomes of it."""
+    """A topic that a listener serves, with its writer, and a record of the calls and samples."""
 
-    def __init__(self, topic: str, heard: list[Topic]) -> None:
-        self.told: list[str] = []
-        self.counters = Counters(topic, self.told.append)
+    def __init__(self, topic: str, take_order: list[Topic]) -> None:
+        self.log: list[str] = []
+        self.counters = Counters(topic, self.log.append)
         self.reader = PoseSubscriber(topic, depth=9)
         self.writer = PosePublisher(topic, depth=9)
-        self.got: list[float] = []
+        self.received: list[float] = []
         self.threads: set[int] = set()
-        self.looks = self.tries = 0
-        self.meets: Callable[[], bool] = lambda: True
-        self.then: Callable[[], object] = lambda: None
-        self.cannot: list[Exception] = []
-        self._heard = heard
+        self.lookups = self.takes = 0
+        self.is_ready: Callable[[], bool] = lambda: True
+        self.after_take: Callable[[], object] = lambda: None
+        self.open_errors: list[Exception] = []
+        self._take_order = take_order
 
     @property
     def subscriber(self) -> Subscriber[Any]:
-        self.looks += 1
-        if self.cannot:
-            raise self.cannot.pop()
+        self.lookups += 1
+        if self.open_errors:
+            raise self.open_errors.pop()
         return self.reader
 
     def take(self, reader: Subscriber[Any]) -> bool:
         assert reader is self.reader
-        self.tries += 1
+        self.takes += 1
         self.threads.add(threading.get_ident())
-        if not self.meets():
+        if not self.is_ready():
             return False
         samples = reader.read_all()
-        self.got += [sample.position.x for sample in samples]
-        self._heard.append(self)
-        self.then()
+        self.received += [sample.position.x for sample in samples]
+        self._take_order.append(self)
+        self.after_take()
         return bool(samples)
 
     def report(self, error: Exception) -> None:
         self.counters.log_rate_limited(describe(error))
 
-    def say(self, number: float) -> None:
+    def publish(self, number: float) -> None:
         self.writer.publish(pose(number))
 
 
@@ -74,47 +74,48 @@ def stopping() -> threading.Event:
 
 
 @pytest.fixture
-def heard() -> list[Topic]:
-    """Which topics had samples taken, in order."""
+def take_order() -> list[Topic]:
+    """The topics in the order in which the listener took their samples."""
     return []
 
 
 @pytest.fixture
-def topics(topic: str, stopping: threading.Event, heard: list[Topic]) -> Iterator[list[Topic]]:
-    """Three, which a listener hears."""
-    ear = Listener(stopping)
-    made = [Topic(f"{topic}/t{number}", heard) for number in range(3)]
+def topics(topic: str, stopping: threading.Event, take_order: list[Topic]) -> Iterator[list[Topic]]:
+    """Three topics that a listener serves."""
+    served = Listener(stopping)
+    opened = [Topic(f"{topic}/t{number}", take_order) for number in range(3)]
     with ExitStack() as stack:
-        for one in made:
-            stack.enter_context(one.reader)
-            stack.enter_context(one.writer)
-            ear.add(one)
-        soon(lambda: len(ear._readers) == len(made))
-        yield made
+        for served_topic in opened:
+            stack.enter_context(served_topic.reader)
+            stack.enter_context(served_topic.writer)
+            served.add(served_topic)
+        wait_until(lambda: len(served._readers) == len(opened))
+        yield opened
         stopping.set()
-        soon(lambda: not ear._thread.is_alive())
+        wait_until(lambda: not served._thread.is_alive())
 
 
-def soon(said: Callable[[], Any]) -> None:
-    end = time.monotonic() + SOON
-    while not said():
-        assert time.monotonic() < end
+def wait_until(condition: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < deadline
         time.sleep(0.001)
 
 
-def test_one_thread_hears_all(topics: list[Topic]) -> None:
+def test_one_thread_serves_all_topics(topics: list[Topic]) -> None:
     for number in range(5):
-        for one in topics:
-            one.say(number)
-    soon(lambda: all(one.got == [0, 1, 2, 3, 4] for one in topics))
-    assert len(set.union(*(one.threads for one in topics))) == 1
+        for topic in topics:
+            topic.publish(number)
+    wait_until(lambda: all(topic.received == [0, 1, 2, 3, 4] for topic in topics))
+    assert len(set.union(*(topic.threads for topic in topics))) == 1
 
 
 @pytest.mark.parametrize(
-    ("error", "said"), [(LayoutMismatch("odd"), "odd"), (OSError("odd"), "odd"), (KeyError("odd"), "KeyError: 'odd'")]
+    ("error", "message"),
+    [(LayoutMismatch("odd"), "odd"), (OSError("odd"), "odd"), (KeyError("odd"), "KeyError: 'odd'")],
 )
-def test_one_that_fails_is_told_and_tried_again_while_the_others_go_on(
-    topics: list[Topic], error: Exception, said: str, monkeypatch: pytest.MonkeyPatch
+def test_failed_topic_is_logged_and_the_others_continue(
+    topics: list[Topic], error: Exception, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(listener, "RETRY_INTERVAL", 3600)
     monkeypatch.setattr(listener, "POLL_INTERVAL", 0.01)
@@ -123,85 +124,83 @@ def test_one_that_fails_is_told_and_tried_again_while_the_others_go_on(
         raise error
 
     bad, *others = topics
-    bad.meets = fail
-    bad.say(1)
-    soon(lambda: bad.told)
-    assert bad.told == [f"{bad.counters.topic}: {said}"]
+    bad.is_ready = fail
+    bad.publish(1)
+    wait_until(lambda: bad.log)
+    assert bad.log == [f"{bad.counters.topic}: {message}"]
     for number in range(3):
-        for one in others:
-            one.say(number)
-            soon(lambda one=one, number=number: one.got[-1:] == [number])
-    looks = others[0].looks
-    soon(lambda: others[0].looks > looks + 2)
-    assert (bad.tries, bad.got) == (1, [])
+        for topic in others:
+            topic.publish(number)
+            wait_until(lambda topic=topic, number=number: topic.received[-1:] == [number])
+    lookups = others[0].lookups
+    wait_until(lambda: others[0].lookups > lookups + 2)
+    assert (bad.takes, bad.received) == (1, [])
 
 
-def test_one_that_cannot_be_waited_for_is_told(topics: list[Topic]) -> None:
+def test_closed_subscriber_is_logged(topics: list[Topic]) -> None:
     bad, good, _ = topics
     bad.reader.close()
-    soon(lambda: bad.told)
-    assert "this subscriber is closed" in bad.told[0]
-    good.say(1)
-    soon(lambda: good.got == [1])
+    wait_until(lambda: bad.log)
+    assert "this subscriber is closed" in bad.log[0]
+    good.publish(1)
+    wait_until(lambda: good.received == [1])
 
 
-def test_one_that_cannot_be_opened_is_tried_again(topics: list[Topic], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_topic_that_cannot_be_opened_is_retried(topics: list[Topic], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listener, "RETRY_INTERVAL", 0.01)
     bad, good, _ = topics
-    bad.cannot = [OSError("later"), LayoutMismatch("first")]
-    soon(lambda: not bad.cannot)
-    good.say(1)
-    bad.say(2)
-    soon(lambda: good.got == [1] and bad.got == [2])
-    assert bad.told == [f"{bad.counters.topic}: first"]
+    bad.open_errors = [OSError("later"), LayoutMismatch("first")]
+    wait_until(lambda: not bad.open_errors)
+    good.publish(1)
+    bad.publish(2)
+    wait_until(lambda: good.received == [1] and bad.received == [2])
+    assert bad.log == [f"{bad.counters.topic}: first"]
 
 
-def test_one_locked_out_neither_spins_nor_holds_up_the_others(topics: list[Topic]) -> None:
+def test_locked_topic_neither_spins_nor_delays_the_others(topics: list[Topic]) -> None:
     bad, good, _ = topics
-    bad.meets = lambda: False
-    bad.say(1)
-    soon(lambda: bad.tries)
-    begun, before = time.monotonic(), bad.tries
+    bad.is_ready = lambda: False
+    bad.publish(1)
+    wait_until(lambda: bad.takes)
+    started_at, before = time.monotonic(), bad.takes
     for number in range(50):
-        good.say(number)
-        soon(lambda number=number: good.got[-1:] == [number])
-    turns = 50 + (time.monotonic() - begun) / 0.001
-    assert bad.tries - before <= turns + 2
-    bad.meets = lambda: True
-    soon(lambda: bad.got == [1])
+        good.publish(number)
+        wait_until(lambda number=number: good.received[-1:] == [number])
+    turns = 50 + (time.monotonic() - started_at) / 0.001
+    assert bad.takes - before <= turns + 2
+    bad.is_ready = lambda: True
+    wait_until(lambda: bad.received == [1])
 
 
-def test_one_that_never_ends_does_not_starve_the_others(topics: list[Topic], heard: list[Topic]) -> None:
+def test_busy_topic_does_not_starve_the_others(topics: list[Topic], take_order: list[Topic]) -> None:
     greedy, good, _ = topics
 
-    def more() -> None:
-        if greedy.tries < 100:
-            greedy.say(greedy.tries)
-        if greedy.tries == 10:
-            good.say(10)
+    def publish_more() -> None:
+        if greedy.takes < 100:
+            greedy.publish(greedy.takes)
+        if greedy.takes == 10:
+            good.publish(10)
 
-    greedy.then = more
-    greedy.say(0)
-    soon(lambda: greedy.got == list(range(100)) and good.got)
-    assert heard.index(good) == 11
+    greedy.after_take = publish_more
+    greedy.publish(0)
+    wait_until(lambda: greedy.received == list(range(100)) and good.received)
+    assert take_order.index(good) == 11
 
 
-def test_who_comes_later_is_heard_too(topic: str, stopping: threading.Event, heard: list[Topic]) -> None:
-    ear, first, late = Listener(stopping), Topic(f"{topic}/first", heard), Topic(f"{topic}/late", heard)
+def test_topic_added_later_is_served_too(topic: str, stopping: threading.Event, take_order: list[Topic]) -> None:
+    served, first, late = Listener(stopping), Topic(f"{topic}/first", take_order), Topic(f"{topic}/late", take_order)
     with first.reader, first.writer, late.reader, late.writer:
-        for one in (first, late):
-            ear.add(one)
-            one.say(1)
-            soon(lambda one=one: one.got == [1])
+        for added in (first, late):
+            served.add(added)
+            added.publish(1)
+            wait_until(lambda added=added: added.received == [1])
         assert first.threads == late.threads
         stopping.set()
-        soon(lambda: not ear._thread.is_alive())
+        wait_until(lambda: not served._thread.is_alive())
 
 
-def test_topics_share_a_thread_but_those_with_a_rate(
-    tmp_path: Path, topic: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And none does where a thread cannot wait for many."""
+def test_topics_without_a_rate_share_a_thread(tmp_path: Path, topic: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Use a thread for each topic if a thread cannot wait for many."""
     (tmp_path / "shmgen.toml").write_text(
         "".join(
             f'[[topics]]\ntopic = "{topic}/{name}"\ntype = "std_msgs/Bool"\ndirection = "from_plc"\n{keys}\n'
@@ -209,11 +208,11 @@ def test_topics_share_a_thread_but_those_with_a_rate(
         )
     )
     session = Session(load(tmp_path / "shmgen.toml", "shmgen.toml", Report()))
-    for can, threads in ((True, 3), (False, 4)):
-        monkeypatch.setattr(sides, "can_wait_for_many", lambda can=can: can)
-        carried = sides.Sides(print)
-        carried.open(session)
-        topics = [side for side in carried if isinstance(side, FromPlc)]
+    for is_possible, threads in ((True, 3), (False, 4)):
+        monkeypatch.setattr(sides, "can_wait_for_many", lambda is_possible=is_possible: is_possible)
+        all_sides = sides.Sides(print)
+        all_sides.open(session)
+        topics = [side for side in all_sides if isinstance(side, FromPlc)]
         assert len({side._listener for side in topics}) == threads
-        assert (topics[0]._listener is topics[1]._listener) == can
-        carried.close()
+        assert (topics[0]._listener is topics[1]._listener) == is_possible
+        all_sides.close()

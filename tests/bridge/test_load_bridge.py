@@ -1,4 +1,4 @@
-"""The load test of the bridge, short; `make load-bridge` is the long one."""
+"""Run the load test of `make load-bridge` for a few seconds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SECONDS = 3
 
 
 @pytest.mark.slow
-def test_what_goes_through_the_bridge_comes_back_or_is_counted(graph: Graph, space: str) -> None:
+def test_short_load_run_counts_every_lost_message(graph: Graph, space: str) -> None:
     result = bridged(graph, f"{space}/load", SECONDS)
     assert result.run.sent == SECONDS * sum(RATES.values())
     assert result.lost == 0

@@ -1,4 +1,4 @@
-"""Who means something else by a type is refused until all is taken that it has sent, whatever the graph says then."""
+"""Test that an incompatible peer is refused until all its messages are processed, even after it left the graph."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from shmgen.bridge.common.peers import Peers
 from shmgen.core.model import TypeName
 
 OURS, OTHER = "RIHS01_" + "1" * 64, "RIHS01_" + "2" * 64
-FRIEND, STRANGER = b"friend", b"stranger"
-GRAPH = [{FRIEND: OURS}, {FRIEND: OURS, STRANGER: OTHER}, {FRIEND: OURS}, {FRIEND: OURS}]
+COMPATIBLE, INCOMPATIBLE = b"friend", b"stranger"
+GRAPH = [{COMPATIBLE: OURS}, {COMPATIBLE: OURS, INCOMPATIBLE: OTHER}, {COMPATIBLE: OURS}, {COMPATIBLE: OURS}]
 
 
 @pytest.fixture
@@ -20,31 +20,31 @@ def graph() -> Iterator[dict[bytes, str]]:
     return iter(GRAPH)
 
 
-def peers(graph: Iterator[dict[bytes, str]], met: list[str], accepts_other: bool = False) -> Peers:
+def create_peers(graph: Iterator[dict[bytes, str]], reports: list[str], accepts_other: bool = False) -> Peers:
     identity = Identity("/t", TypeName("p", "msg", "T"), OURS, lambda line: None, accepts_other)
-    return Peers(identity, met.append, lambda: next(graph))
+    return Peers(identity, reports.append, lambda: next(graph))
 
 
-def test_a_stranger_that_has_gone_counts_until_all_is_taken(graph: Iterator[dict[bytes, str]]) -> None:
-    met: list[str] = []
-    made = peers(graph, met)
-    made.look()
-    assert (made.refusal(), made.refusal(FRIEND), met) == ("", "", [])
-    for is_there in (True, False):  # it has come, and has gone
-        made.look()
-        assert OTHER in made.refusal()
-        assert OTHER in made.refusal(STRANGER)
-        assert made.refusal(FRIEND) == ""
-        assert (OTHER in met[-1]) == is_there
-    made.forget()
-    made.look()
-    assert made.refusal() == ""
-    assert "left before its type could be compared" in made.refusal(STRANGER)
+def test_departed_incompatible_peer_is_refused_until_forget(graph: Iterator[dict[bytes, str]]) -> None:
+    reports: list[str] = []
+    known_peers = create_peers(graph, reports)
+    known_peers.look()
+    assert (known_peers.refusal(), known_peers.refusal(COMPATIBLE), reports) == ("", "", [])
+    for is_present in (True, False):  # the peer joins, then leaves
+        known_peers.look()
+        assert OTHER in known_peers.refusal()
+        assert OTHER in known_peers.refusal(INCOMPATIBLE)
+        assert known_peers.refusal(COMPATIBLE) == ""
+        assert (OTHER in reports[-1]) == is_present
+    known_peers.forget()
+    known_peers.look()
+    assert known_peers.refusal() == ""
+    assert "left before its type could be compared" in known_peers.refusal(INCOMPATIBLE)
 
 
-def test_what_is_accepted(graph: Iterator[dict[bytes, str]]) -> None:
-    made = peers(graph, met := [], accepts_other=True)
+def test_another_definition_can_be_accepted(graph: Iterator[dict[bytes, str]]) -> None:
+    known_peers = create_peers(graph, reports := [], accepts_other=True)
     for _ in GRAPH:
-        made.look()
-        assert made.refusal(b"unknown") == made.refusal(STRANGER) == made.refusal() == ""
-    assert not any(met)
+        known_peers.look()
+        assert known_peers.refusal(b"unknown") == known_peers.refusal(INCOMPATIBLE) == known_peers.refusal() == ""
+    assert not any(reports)

@@ -1,4 +1,4 @@
-"""What a topic does with publishers and subscribers of another QoS."""
+"""Test a topic whose ROS publishers or subscribers have another QoS."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from shmgen.bridge.common.qos import AdoptingSubscription, Qos
 RELIABLE, BEST_EFFORT, LATCHED = Qos(True, False), Qos(False, False), Qos(True, True)
 
 
-class Ends:
-    """Ends of a subscription that were created, and those that were taken back."""
+class Endpoints:
+    """The QoS of the created and of the removed endpoints of a subscription."""
 
     def __init__(self) -> None:
         self.created: list[Qos] = []
-        self.undone: list[Qos] = []
+        self.removed: list[Qos] = []
 
     def create(self, policies: Qos) -> Any:
         self.created.append(policies)
-        return object(), policies, lambda: self.undone.append(policies)
+        return object(), policies, lambda: self.removed.append(policies)
 
 
 @pytest.mark.parametrize("key", ["auto", "reliable", "best_effort"])
-def test_only_auto_adopts_what_publishers_offer(key: Any) -> None:
-    ends, offered = Ends(), [RELIABLE]
+def test_only_auto_adopts_the_qos_of_publishers(key: Any) -> None:
+    ends, offered = Endpoints(), [RELIABLE]
     subscription = AdoptingSubscription(Wire("/a", (), qos=key), ends.create, lambda: offered)
     assert not subscription.qos_problem()
     offered.append(BEST_EFFORT)
-    why = subscription.qos_problem()
+    reason = subscription.qos_problem()
     assert ends.created == {"auto": [RELIABLE, BEST_EFFORT], "reliable": [RELIABLE], "best_effort": [BEST_EFFORT]}[key]
-    assert ends.undone == ends.created[:-1]
-    assert ('Set qos = "best_effort" in shmgen.toml' in why) == (key == "reliable")
+    assert ends.removed == ends.created[:-1]
+    assert ('Set qos = "best_effort" in shmgen.toml' in reason) == (key == "reliable")
     offered.pop()
     assert not subscription.qos_problem()
 
@@ -50,7 +50,7 @@ def test_only_auto_adopts_what_publishers_offer(key: Any) -> None:
         (BEST_EFFORT, LATCHED, False, ""),
     ],
 )
-def test_a_problem_names_both_sides_and_the_line(own: Qos, peer: Qos, publishes: bool, line: str) -> None:
-    why = qos.problem(own, [peer], publishes)
-    assert bool(why) == bool(line)
-    assert not line or (line in why and str(own) in why and str(peer) in why)
+def test_qos_problem_names_both_sides_and_the_setting(own: Qos, peer: Qos, publishes: bool, line: str) -> None:
+    reason = qos.problem(own, [peer], publishes)
+    assert bool(reason) == bool(line)
+    assert not line or (line in reason and str(own) in reason and str(peer) in reason)

@@ -1,4 +1,4 @@
-"""Topics of a real ROS 1 through the bridge, the regions and a PLC's program, and back."""
+"""Test that messages and calls of a real ROS 1 pass the bridge, the regions and a PLC program, and return."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ server = "ros"
 timeout = 5.0
 """
 SETBOOL = "bool data # e.g. for hardware enabling / disabling\n---\nbool success\nstring message\n"
-"""Of Debian's python3-std-srvs, which has the class and not the definition."""
+"""The definition for Debian's python3-std-srvs, which contains only the class."""
 
 PROGRAM = """
 PROGRAM PRG_Echo
@@ -98,7 +98,7 @@ GVL_Ros.{name}_joints_back.xSend := GVL_Ros.{name}_joints.xNewData;
 GVL_Ros.{name}_joints_back.Msg := GVL_Ros.{name}_joints.Msg;
 GVL_Ros.{name}_status_back.xSend := GVL_Ros.{name}_status.xNewData;
 GVL_Ros.{name}_status_back.Msg := GVL_Ros.{name}_status.Msg;
-// What ROS asks the PLC, the PLC asks ROS.
+// The PLC answers a call of ROS by calling ROS.
 GVL_Ros.{name}_ask.xExecute := GVL_Ros.{name}_flag.xExecute;
 GVL_Ros.{name}_ask.tTimeout := T#5S;
 GVL_Ros.{name}_ask.Request := GVL_Ros.{name}_flag.Request;
@@ -110,7 +110,7 @@ END_PROGRAM
 
 
 class Softplc:
-    """A process that runs the program each millisecond, as a task does."""
+    """A process that runs the program every millisecond, like a PLC task."""
 
     def __init__(self, folder: Path, space: str) -> None:
         config = load(folder / "shmgen.toml", "shmgen.toml", Report())
@@ -131,33 +131,33 @@ class Softplc:
 
 @pytest.fixture
 def plc(graph: Graph, space: str) -> Iterator[Softplc]:
-    """Runs PROGRAM over the topics of THROUGH."""
+    """A PLC that runs PROGRAM over the topics of THROUGH."""
     graph.generate("cell_msgs", {"msg/Status.msg": STATUS, "msg/Part.msg": PART})
     definition = graph.folder / "msgs" / "std_srvs" / "srv" / "SetBool.srv"
     definition.parent.mkdir(parents=True)
     definition.write_text(SETBOOL)
     (graph.folder / "shmgen.toml").write_text(THROUGH.format(space=space))
-    made = Softplc(graph.folder, space)
-    yield made
-    made.kill()
+    softplc = Softplc(graph.folder, space)
+    yield softplc
+    softplc.kill()
 
 
-def test_through_a_plc_and_back(graph: Graph, plc: Softplc, space: str) -> None:
-    """Then the master, the bridge and the PLC die one after the other, and each time data flows again by itself."""
+def test_messages_and_calls_return_from_a_plc_program(graph: Graph, plc: Softplc, space: str) -> None:
+    """Restart the master, the bridge and the PLC one after the other. Each time, messages pass again without help."""
     bridge = graph.bridge()
 
-    # The commands of ros_comm, and the installed class of genpy.
+    # Use the commands of ros_comm and the installed class of genpy.
     echo = graph.command("rostopic", "echo", "-n", "1", f"{space}/pose_back")
     values = "{header: {frame_id: map}, pose: {position: {x: 1.5, y: -2}, orientation: {w: 1}}}"
     pub = graph.command("rostopic", "pub", "-r", "20", f"{space}/pose", "geometry_msgs/PoseStamped", values)
-    shown = YAML(typ="safe").load(echo.communicate(timeout=LIMIT)[0].partition("---")[0])
+    printed = YAML(typ="safe").load(echo.communicate(timeout=LIMIT)[0].partition("---")[0])
     pub.kill()
-    assert shown["pose"]["position"] == {"x": 2.5, "y": -2, "z": 0}
-    assert shown["pose"]["orientation"] == {"x": 0, "y": 0, "z": 0, "w": 1}
-    assert shown["header"]["frame_id"] == "map"
-    assert abs(shown["header"]["stamp"]["secs"] - time.time()) < LIMIT  # it was 0, which the bridge does not pass on
+    assert printed["pose"]["position"] == {"x": 2.5, "y": -2, "z": 0}
+    assert printed["pose"]["orientation"] == {"x": 0, "y": 0, "z": 0, "w": 1}
+    assert printed["header"]["frame_id"] == "map"
+    assert abs(printed["header"]["stamp"]["secs"] - time.time()) < LIMIT  # the bridge replaced the stamp of 0
 
-    # Strings, sequences, times, and a message of our own that only the peer has a module for.
+    # Use strings, sequences, times, and a message of this test. Only the peer has its Python module.
     peer = graph.peer()
     for name, kind in (("joints", "sensor_msgs/JointState"), ("status", "cell_msgs/Status")):
         peer.ask(do="subscribe", topic=f"{space}/{name}_back", type=kind)
@@ -171,51 +171,51 @@ def test_through_a_plc_and_back(graph: Graph, plc: Softplc, space: str) -> None:
         "parts": [{"name": "a", "size": [1.0, 2.5, -3.0]}, {"name": "b", "size": [0.0, 0.0, 0.0]}],
         "took": {"secs": 3, "nsecs": 4_000_000},
     }
-    assert through(peer, space, "status", [status]) == [status]
+    assert echo_messages(peer, space, "status", [status]) == [status]
     empty = {**status, "lines": [], "parts": [], "mode": 0}
-    assert through(peer, space, "status", [empty]) == [{**empty, "header": {**header, "seq": 2}}]
+    assert echo_messages(peer, space, "status", [empty]) == [{**empty, "header": {**header, "seq": 2}}]
 
-    # Each message of a burst, as many as `depth` lets wait for a cycle. Again if one is lost: a block that finds the
-    # lock taken sends nothing in that cycle, and PROGRAM does not look.
+    # Send a burst of as many messages as fit into `depth`. Retry after a loss: a block that finds its region locked
+    # sends nothing in that cycle, and PROGRAM does not check.
     burst = [{"name": ["a"], "position": [float(n)], "velocity": [], "effort": []} for n in range(1, 9)]
-    bursts = ([without(one, "header") for one in through(peer, space, "joints", burst)] for _ in range(5))
+    bursts = ([without_field(msg, "header") for msg in echo_messages(peer, space, "joints", burst)] for _ in range(5))
     assert burst in bursts
 
-    # A service that the PLC serves by calling another.
+    # Call a service that the PLC serves by calling another service.
     answers = [{"success": True, "message": "ja"}, None, {"success": False, "message": "nein"}]
     peer.ask(do="serve", service=f"{space}/ask", type="std_srvs/SetBool", answers=answers)
-    assert 'success: True\nmessage: "ja"' in called(graph, f"{space}/flag", "data: true")
-    assert re.search(r"the server reported that call \d+ failed", called(graph, f"{space}/flag", "data: true"))
-    assert 'success: False\nmessage: "nein"' in called(graph, f"{space}/flag", "data: false")
+    assert 'success: True\nmessage: "ja"' in call_service(graph, f"{space}/flag", "data: true")
+    assert re.search(r"the server reported that call \d+ failed", call_service(graph, f"{space}/flag", "data: true"))
+    assert 'success: False\nmessage: "nein"' in call_service(graph, f"{space}/flag", "data: false")
 
-    def flows() -> bool:
+    def message_returns() -> bool:
         peer.ask(do="forget", topic=f"{space}/joints_back")
         peer.ask(do="publish", topic=f"{space}/joints", messages=[{"name": ["again"]}])
         return any(
-            one["name"] == ["again"] for one in peer.ask(do="take", topic=f"{space}/joints_back", count=1, timeout=0.5)
+            msg["name"] == ["again"] for msg in peer.ask(do="take", topic=f"{space}/joints_back", count=1, timeout=0.5)
         )
 
     graph.stop_master()
     bridge.wait_for_line("the ROS master is unreachable")
-    assert flows(), "what is connected stays connected"
+    assert message_returns(), "connections survive the end of the master"
     graph.start_master()
     bridge.wait_for_line("registering again")
-    peer = graph.peer()  # one that knows nothing but the new master
+    peer = graph.peer()  # this peer knows only the new master
     peer.ask(do="subscribe", topic=f"{space}/joints_back", type="sensor_msgs/JointState")
     peer.ask(do="advertise", topic=f"{space}/joints", type="sensor_msgs/JointState")
-    wait_for(flows, "a message by way of the new master")
+    wait_for(message_returns, "a message by way of the new master")
 
     bridge.kill()
     graph.bridge()
-    wait_for(flows, "a message by way of the new bridge")
+    wait_for(message_returns, "a message by way of the new bridge")
 
     plc.kill()
     plc.start()
-    wait_for(flows, "a message by way of the new PLC")
+    wait_for(message_returns, "a message by way of the new PLC")
 
 
 STOPS_WITHIN = 5.0
-"""Seconds, on a machine that is busy with other tests; alone it takes 0.6."""
+"""Seconds on a machine that also runs other tests; on an idle machine, the stop takes 0.6 s."""
 
 LATCHED = """
 source = "noetic"
@@ -235,8 +235,8 @@ latch = true
 """
 
 
-def test_without_a_master(graph: Graph, space: str) -> None:
-    """The bridge waits for one, ends at once when told, and ends as well after its master has gone."""
+def test_bridge_stops_promptly_without_a_master(graph: Graph, space: str) -> None:
+    """Stop promptly while the bridge waits for a master, and after its master has ended."""
     graph.stop_master()
     bridge = graph.bridge(LATCHED.format(space=space), ready=False)
     bridge.wait_for_line(f"no ROS master at http://127.0.0.1:{graph.port} .* waiting for one")
@@ -274,14 +274,14 @@ def test_diagnostics_latch_and_counters(graph: Graph, space: str) -> None:
     assert abs(array["header"]["stamp"]["secs"] - time.time()) < LIMIT
     word, state = array["status"]
     assert (word["name"], state["name"]) == (f"cell_4: {space}/word", f"cell_4: {space}/state")
-    shown = {value["key"]: value["value"] for value in word["values"]}
-    assert (shown["passed"], shown["rejected"], shown["type"]) == ("1", "3", "std_msgs/String")
-    assert "data: 13 bytes" in shown["last complaint"]
+    values = {value["key"]: value["value"] for value in word["values"]}
+    assert (values["passed"], values["rejected"], values["type"]) == ("1", "3", "std_msgs/String")
+    assert "data: 13 bytes" in values["last complaint"]
     assert bridge.stop(signal.SIGTERM) < STOPS_WITHIN
     bridge.wait_for_line("/state  1 passed")
 
 
-def test_a_definition_of_another_ros_is_told(graph: Graph, space: str) -> None:
+def test_definition_of_another_ros_is_reported(graph: Graph, space: str) -> None:
     topic = f'[[topics]]\ntopic = "{space}/info"\ntype = '
     bounds = "[bounds]\nsensor_msgs = 5\n"
     bridge = graph.bridge(f'source = "jazzy"\n{bounds}{topic}"sensor_msgs/CameraInfo"', ready=False)
@@ -297,18 +297,18 @@ def test_a_definition_of_another_ros_is_told(graph: Graph, space: str) -> None:
     assert (bridge.process.wait(LIMIT), other.process.wait(LIMIT)) == (1, 1)
 
 
-def called(graph: Graph, service: str, values: str) -> str:
-    """What `rosservice call` prints, errors included."""
+def call_service(graph: Graph, service: str, values: str) -> str:
+    """Return the output of `rosservice call`, errors included."""
     printed: str = graph.command("rosservice", "call", service, values).communicate(timeout=LIMIT)[0]
     return printed + (graph.folder / "log").read_text()
 
 
-def without(message: dict[str, Any], name: str) -> dict[str, Any]:
+def without_field(message: dict[str, Any], name: str) -> dict[str, Any]:
     return {key: value for key, value in message.items() if key != name}
 
 
-def through(peer: Peer, space: str, name: str, messages: list[Any]) -> Any:
-    """What comes back within five seconds."""
+def echo_messages(peer: Peer, space: str, name: str, messages: list[Any]) -> Any:
+    """Publish the messages, and return the messages that come back within 5 s."""
     peer.ask(do="forget", topic=f"{space}/{name}_back")
     peer.ask(do="publish", topic=f"{space}/{name}", messages=messages)
     return peer.ask(do="take", topic=f"{space}/{name}_back", count=len(messages), timeout=5.0)

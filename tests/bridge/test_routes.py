@@ -1,4 +1,4 @@
-"""What happens to a message on its way, without any ROS: real regions, plain objects with ROS's attributes."""
+"""Test the path of a message through the bridge without ROS: real regions, and plain objects as ROS messages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MARK = "wstring<=4 text\nstring<=3[<=2] words\nfloat64[2] at\n"
 
 
 class Line:
-    """One topic with both its ends in hand."""
+    """A topic of the bridge whose ROS side is a plain object of the test."""
 
     def __init__(self, folder: Path, topic: str, keys: str = "", direction: str = "to_plc") -> None:
         for name, text in (("Path", PATH), ("Mark", MARK)):
@@ -50,17 +50,17 @@ class Line:
             f'path = ["msgs"]\n[[topics]]\ntopic = "{topic}"\ntype = "cell_msgs/Path"\n'
             f'direction = "{direction}"\n{keys}\n'
         )
-        self.told: list[str] = []
+        self.log: list[str] = []
         self.stopping = threading.Event()
         self.config = load(folder / "shmgen.toml", "shmgen.toml", Report())
         (self.route,) = plan.routes(Session(self.config))
-        self.counters = Counters(topic, self.told.append)
+        self.counters = Counters(topic, self.log.append)
         self.sent: list[Any] = []
         self.side = (ToPlc if self.route.to_plc else FromPlc)(self.route, self.counters, self.stopping)
         assert self.side.end.attempted.wait(10)
 
     def start(self, send: Callable[[Any], None] | None = None) -> None:
-        """Joins what looks like a ROS."""
+        """Connect to a stand-in for ROS."""
         self.side.start(
             SimpleNamespace(  # type: ignore[arg-type]
                 publisher=lambda wire: RosPublisher(message, send or (lambda sent: self.sent.append(deepcopy(sent)))),
@@ -85,20 +85,20 @@ class Line:
 
 
 @pytest.fixture
-def line(tmp_path: Path, topic: str) -> Iterator[Callable[..., Line]]:
-    made: list[Line] = []
+def open_line(tmp_path: Path, topic: str) -> Iterator[Callable[..., Line]]:
+    lines: list[Line] = []
 
-    def make(keys: str = "", direction: str = "to_plc") -> Line:
-        made.append(Line(tmp_path, topic, keys, direction))
-        return made[-1]
+    def open_line(keys: str = "", direction: str = "to_plc") -> Line:
+        lines.append(Line(tmp_path, topic, keys, direction))
+        return lines[-1]
 
-    yield make
-    for one in made:
-        one.close()
+    yield open_line
+    for opened in lines:
+        opened.close()
 
 
 def message(**values: Any) -> SimpleNamespace:
-    """As a ROS has it."""
+    """Return an object with the attributes of a ROS message."""
     header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id="")
     return SimpleNamespace(**{"header": header, "name": "", "marks": [], "level": 0, **values})
 
@@ -107,44 +107,44 @@ def mark(text: str = "", words: tuple[str, ...] = ()) -> SimpleNamespace:
     return SimpleNamespace(text=text, words=list(words), at=[0.0, 0.0])
 
 
-def soon(condition: Callable[[], Any]) -> None:
+def wait_until(condition: Callable[[], Any]) -> None:
     deadline = time.monotonic() + 10
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.002)
 
 
-def test_what_does_not_fit_is_counted_and_told_once_in_a_while(line: Callable[..., Line]) -> None:
-    one = line()
-    with one.reader() as reader:
-        one.side.take(message(name="fits"))
+def test_rejections_are_counted_and_logged_rate_limited(open_line: Callable[..., Line]) -> None:
+    line = open_line()
+    with line.reader() as reader:
+        line.side.take(message(name="fits"))
         for _ in range(100):
-            one.side.take(message(name="does not fit"))
-        one.side.take(message(marks=[mark(), mark(words=("abcd",))]))
-        one.side.take(message(level=300))
+            line.side.take(message(name="does not fit"))
+        line.side.take(message(marks=[mark(), mark(words=("abcd",))]))
+        line.side.take(message(level=300))
         assert reader.read().name == "fits"
         assert reader.read() is None
-    assert (one.counters.passed, one.counters.rejected) == (1, 102)
-    assert len(one.told) == 1
-    assert "rejected: name: 12 bytes of UTF-8, capacity 8" in one.told[0]
-    assert one.counters.complaint == "rejected: level: 300; uint8 goes from 0 to 255"
+    assert (line.counters.passed, line.counters.rejected) == (1, 102)
+    assert len(line.log) == 1
+    assert "rejected: name: 12 bytes of UTF-8, capacity 8" in line.log[0]
+    assert line.counters.complaint == "rejected: level: 300; uint8 goes from 0 to 255"
 
 
-def test_too_long_is_cut_where_that_is_wanted(line: Callable[..., Line]) -> None:
-    one = line('overflow = "truncate"')
-    too_much = [mark("Grüße, Welt", ("abcd", "ä€", "x")), mark("\N{GRINNING FACE}" * 3), mark("third")]
-    with one.reader() as reader:
-        one.side.take(message(name="Straßenbahn", marks=too_much, level=7))
-        got = reader.read()
-    assert got.name == "Straßen"  # 8 bytes of UTF-8
-    assert [item.text for item in got.marks] == ["Grüß", "\N{GRINNING FACE}" * 2]
-    assert [list(item.words) for item in got.marks] == [["abc", "ä"], []]
-    assert got.level == 7
-    assert (one.counters.passed, one.counters.truncated, one.counters.rejected) == (1, 1, 0)
-    assert "truncated: name: 12 bytes" in one.told[0]
+def test_overflow_truncate_shortens_long_values(open_line: Callable[..., Line]) -> None:
+    line = open_line('overflow = "truncate"')
+    long_marks = [mark("Grüße, Welt", ("abcd", "ä€", "x")), mark("\N{GRINNING FACE}" * 3), mark("third")]
+    with line.reader() as reader:
+        line.side.take(message(name="Straßenbahn", marks=long_marks, level=7))
+        sample = reader.read()
+    assert sample.name == "Straßen"  # 8 bytes of UTF-8
+    assert [item.text for item in sample.marks] == ["Grüß", "\N{GRINNING FACE}" * 2]
+    assert [list(item.words) for item in sample.marks] == [["abc", "ä"], []]
+    assert sample.level == 7
+    assert (line.counters.passed, line.counters.truncated, line.counters.rejected) == (1, 1, 0)
+    assert "truncated: name: 12 bytes" in line.log[0]
 
 
-def test_what_has_a_gap_behind_its_count_is_cut_too() -> None:
+def test_field_with_padding_after_its_count_is_truncated() -> None:
     config = Config(Path.cwd(), bounds=Bounds({}, {"sensor_msgs": Bound(2, Span("x"))}))
     kind = Session(config).message("sensor_msgs/JointState")
     assert any(step.offset > step.count_at + 4 > 4 for step in kind._steps_), "there is no gap"
@@ -155,226 +155,226 @@ def test_what_has_a_gap_behind_its_count_is_cut_too() -> None:
     assert joints.position == [1.0, 2.0]
 
 
-def test_what_cutting_does_not_mend_is_rejected(line: Callable[..., Line]) -> None:
-    one = line('overflow = "truncate"')
-    wrong = mark()
-    wrong.at = [0.0, 0.0, 0.0]
-    one.side.take(message(marks=[wrong]))
-    assert (one.counters.passed, one.counters.rejected) == (0, 1)
-    assert "marks[0].at: 3 elements" in one.told[0]
+def test_wrong_array_length_is_rejected_despite_truncate(open_line: Callable[..., Line]) -> None:
+    line = open_line('overflow = "truncate"')
+    wrong_mark = mark()
+    wrong_mark.at = [0.0, 0.0, 0.0]
+    line.side.take(message(marks=[wrong_mark]))
+    assert (line.counters.passed, line.counters.rejected) == (0, 1)
+    assert "marks[0].at: 3 elements" in line.log[0]
 
 
-def test_a_rate_towards_the_plc_lets_the_newest_through(line: Callable[..., Line]) -> None:
-    """Not only every n-th: the last of a burst must not be lost for ever."""
-    one = line("rate = 20\ndepth = 60")
-    one.start()
-    with one.reader() as reader:
-        begun = time.monotonic()
+def test_rate_to_the_plc_passes_the_newest_message(open_line: Callable[..., Line]) -> None:
+    """Pass the last message of a burst too; a bridge that passes only every n-th message would drop it."""
+    line = open_line("rate = 20\ndepth = 60")
+    line.start()
+    with line.reader() as reader:
+        started_at = time.monotonic()
         for number in range(50):
-            one.side.take(message(level=number))
+            line.side.take(message(level=number))
             time.sleep(0.005)
-        got: list[int] = []
-        soon(lambda: got.extend(one.level for one in reader.read_all()) or 49 in got)
-        took = time.monotonic() - begun
-    assert got == sorted(got)
-    assert 2 <= len(got) <= took * 20 + 2
-    assert one.counters.passed + one.counters.rate_limited == 50
+        levels: list[int] = []
+        wait_until(lambda: levels.extend(sample.level for sample in reader.read_all()) or 49 in levels)
+        duration = time.monotonic() - started_at
+    assert levels == sorted(levels)
+    assert 2 <= len(levels) <= duration * 20 + 2
+    assert line.counters.passed + line.counters.rate_limited == 50
 
 
-def test_a_rate_towards_ros_lets_the_newest_through(line: Callable[..., Line]) -> None:
-    one = line("rate = 20", "from_plc")
-    one.start()
-    with one.writer() as writer:
-        begun = time.monotonic()
+def test_rate_to_ros_passes_the_newest_message(open_line: Callable[..., Line]) -> None:
+    line = open_line("rate = 20", "from_plc")
+    line.start()
+    with line.writer() as writer:
+        started_at = time.monotonic()
         for number in range(50):
             writer.publish(message(level=number))
             time.sleep(0.005)
-        soon(lambda: one.sent and one.sent[-1].level == 49)
-        took = time.monotonic() - begun
-    assert 2 <= len(one.sent) <= took * 20 + 2
-    assert one.counters.passed + one.counters.rate_limited == 50
-    assert one.counters.missed == 0
+        wait_until(lambda: line.sent and line.sent[-1].level == 49)
+        duration = time.monotonic() - started_at
+    assert 2 <= len(line.sent) <= duration * 20 + 2
+    assert line.counters.passed + line.counters.rate_limited == 50
+    assert line.counters.missed == 0
 
 
-def test_each_message_of_a_burst_crosses(line: Callable[..., Line]) -> None:
-    one = line("depth = 200", "from_plc")
-    one.start()
-    with one.writer() as writer:
+def test_every_message_of_a_burst_passes(open_line: Callable[..., Line]) -> None:
+    line = open_line("depth = 200", "from_plc")
+    line.start()
+    with line.writer() as writer:
         for number in range(200):
             writer.publish(message(level=number))
-        soon(lambda: len(one.sent) == 200)
-    assert [got.level for got in one.sent] == list(range(200))
-    assert str(one.counters) == "200 passed"
+        wait_until(lambda: len(line.sent) == 200)
+    assert [sent.level for sent in line.sent] == list(range(200))
+    assert str(line.counters) == "200 passed"
 
 
-def test_a_stamp_of_zero_becomes_now(line: Callable[..., Line]) -> None:
-    one = line("depth = 3", "from_plc")
-    one.start()
+def test_zero_stamp_is_replaced_by_the_current_time(open_line: Callable[..., Line]) -> None:
+    line = open_line("depth = 3", "from_plc")
+    line.start()
     set_by_the_plc = message()
     set_by_the_plc.header.stamp = SimpleNamespace(sec=int(time.time()), nanosec=0)
-    with one.writer() as writer:
+    with line.writer() as writer:
         writer.publish(message())
         writer.publish(set_by_the_plc)
-        soon(lambda: len(one.sent) == 2)
-    assert vars(one.sent[0].header.stamp) == {"sec": 77, "nanosec": 5}
-    assert vars(one.sent[1].header.stamp) == vars(set_by_the_plc.header.stamp)
+        wait_until(lambda: len(line.sent) == 2)
+    assert vars(line.sent[0].header.stamp) == {"sec": 77, "nanosec": 5}
+    assert vars(line.sent[1].header.stamp) == vars(set_by_the_plc.header.stamp)
 
 
-def test_a_stamp_of_zero_may_stay(line: Callable[..., Line]) -> None:
-    one = line('stamp = "keep"', "from_plc")
-    one.start()
-    with one.writer() as writer:
+def test_zero_stamp_stays_with_stamp_keep(open_line: Callable[..., Line]) -> None:
+    line = open_line('stamp = "keep"', "from_plc")
+    line.start()
+    with line.writer() as writer:
         writer.publish(message())
-        soon(lambda: one.sent)
-    assert vars(one.sent[0].header.stamp) == {"sec": 0, "nanosec": 0}
+        wait_until(lambda: line.sent)
+    assert vars(line.sent[0].header.stamp) == {"sec": 0, "nanosec": 0}
 
 
 @pytest.mark.parametrize(("keys", "levels"), [("", [2]), ("latch = true", [1, 2])])
-def test_what_was_said_before_is_heard_only_where_it_is_latched(
-    line: Callable[..., Line], topic: str, keys: str, levels: list[int]
+def test_earlier_sample_is_sent_only_with_latch(
+    open_line: Callable[..., Line], topic: str, keys: str, levels: list[int]
 ) -> None:
-    line(keys, "from_plc").close()
-    with line(keys, "from_plc").writer() as writer:
+    open_line(keys, "from_plc").close()
+    with open_line(keys, "from_plc").writer() as writer:
         writer.publish(message(level=1))
-        one = line(keys, "from_plc")
-        one.start()
+        line = open_line(keys, "from_plc")
+        line.start()
         time.sleep(0.2)
         writer.publish(message(level=2))
-        soon(lambda: len(one.sent) >= len(levels))
-    assert [got.level for got in one.sent] == levels
+        wait_until(lambda: len(line.sent) >= len(levels))
+    assert [sent.level for sent in line.sent] == levels
 
 
-def test_whatever_ros_raises_costs_one_message_only(line: Callable[..., Line]) -> None:
-    one = line("", "from_plc")
+def test_error_of_ros_loses_only_one_message(open_line: Callable[..., Line]) -> None:
+    line = open_line("", "from_plc")
 
-    def send(what: Any) -> None:
-        if what.level == 1:
+    def send(sent: Any) -> None:
+        if sent.level == 1:
             raise KeyError("odd")
-        one.sent.append(what)
+        line.sent.append(sent)
 
-    one.start(send)
-    with one.writer() as writer:
+    line.start(send)
+    with line.writer() as writer:
         for number in (1, 2):
             writer.publish(message(level=number))
-            soon(lambda number=number: one.counters.passed + one.counters.rejected == number)
-    assert [got.level for got in one.sent] == [2]
-    assert one.told == [f"{one.counters.topic}: rejected by ROS: KeyError: 'odd'"]
+            wait_until(lambda number=number: line.counters.passed + line.counters.rejected == number)
+    assert [sent.level for sent in line.sent] == [2]
+    assert line.log == [f"{line.counters.topic}: rejected by ROS: KeyError: 'odd'"]
 
 
-def test_a_count_that_no_plc_should_write_is_rejected_with_its_field(line: Callable[..., Line]) -> None:
-    one = line("", "from_plc")
-    one.start()
-    with one.writer() as writer:
-        broken = one.route.kind(marks=[])
+def test_excessive_count_is_rejected_with_its_field(open_line: Callable[..., Line]) -> None:
+    line = open_line("", "from_plc")
+    line.start()
+    with line.writer() as writer:
+        broken = line.route.kind(marks=[])
         broken._marks_count = 9
         writer.publish(broken)
-        soon(lambda: one.counters.rejected)
-    assert "marks: the writer says 9 elements" in one.told[0]
+        wait_until(lambda: line.counters.rejected)
+    assert "marks: the writer says 9 elements" in line.log[0]
 
 
-def test_a_region_that_was_removed_is_made_again(line: Callable[..., Line], topic: str) -> None:
-    there, back = line("depth = 4"), None
-    with there.reader():
+def test_removed_region_is_recreated(open_line: Callable[..., Line], topic: str) -> None:
+    to_plc, from_plc = open_line("depth = 4"), None
+    with to_plc.reader():
         Path(region_file(region_name(topic))).unlink()
-        soon(lambda: there.side.beat() or there.side.end.current.reopen_count)
-    with there.reader() as reader:
-        there.side.take(message(level=3))
+        wait_until(lambda: to_plc.side.beat() or to_plc.side.end.current.reopen_count)
+    with to_plc.reader() as reader:
+        to_plc.side.take(message(level=3))
         assert reader.read().level == 3
-    there.close()
-    back = line("depth = 4", "from_plc")
-    back.start()
+    to_plc.close()
+    from_plc = open_line("depth = 4", "from_plc")
+    from_plc.start()
     Path(region_file(region_name(topic))).unlink()
-    with back.writer() as writer:
+    with from_plc.writer() as writer:
         writer.publish(message(level=4))
-        soon(lambda: back.sent)
-    assert back.sent[0].level == 4
+        wait_until(lambda: from_plc.sent)
+    assert from_plc.sent[0].level == 4
 
 
-def test_a_region_that_was_replaced_by_another_layout_comes_back(line: Callable[..., Line], topic: str) -> None:
-    one = line("depth = 4")
+def test_topic_recovers_from_a_region_of_another_layout(open_line: Callable[..., Line], topic: str) -> None:
+    line = open_line("depth = 4")
     file = Path(region_file(region_name(topic)))
     with PosePublisher(f"{topic}_other", depth=4):
         Path(region_file(region_name(f"{topic}_other"))).rename(file)
     for _ in range(20):
-        one.side.take(message())
-        one.side.beat()
+        line.side.take(message())
+        line.side.beat()
         time.sleep(0.02)
     file.unlink()
-    soon(lambda: one.side.take(message()) or (one.side.end.current and file.exists()))
-    with one.reader() as reader:
-        soon(lambda: one.side.take(message(level=3)) or reader.read())
+    wait_until(lambda: line.side.take(message()) or (line.side.end.current and file.exists()))
+    with line.reader() as reader:
+        wait_until(lambda: line.side.take(message(level=3)) or reader.read())
 
 
-def test_a_second_writer_waits_until_the_first_has_gone(line: Callable[..., Line]) -> None:
-    first, second = line(), line()
+def test_second_writer_waits_until_the_first_closes(open_line: Callable[..., Line]) -> None:
+    first, second = open_line(), open_line()
     assert (second.status().level, second.side.end.current) == (ERROR, None)
     assert "publishes already; one writer a topic" in second.status().message
     first.close()
-    soon(lambda: second.side.end.current)
-    assert len(second.told) == 2
-    assert second.told[-1].endswith(": the region is open again")
+    wait_until(lambda: second.side.end.current)
+    assert len(second.log) == 2
+    assert second.log[-1].endswith(": the region is open again")
     assert second.status().level == OK
 
 
-def test_levels_of_diagnostics(line: Callable[..., Line], topic: str) -> None:
-    one = line("stale = 0.2")
+def test_diagnostics_level_follows_the_topic(open_line: Callable[..., Line], topic: str) -> None:
+    line = open_line("stale = 0.2")
     reporter = Reporter("bridge")
 
     def status() -> tuple[int, str]:
-        found = reporter.status(one.side)
-        return found.level, found.message
+        status_ = reporter.status(line.side)
+        return status_.level, status_.message
 
     assert status() == (STALE, "no message from ROS for 0.2 s or more")
-    one.side.take(message())
+    line.side.take(message())
     assert status()[0] == OK
-    one.side.take(message(name="does not fit"))
+    line.side.take(message(name="does not fit"))
     assert status() == (WARN, "rejected: name: 12 bytes of UTF-8, capacity 8")
-    assert status()[0] == OK  # of what came since
+    assert status()[0] == OK  # the level describes only messages since the last status
     time.sleep(0.25)
     assert status()[0] == STALE
-    one.side.end.close()
+    line.side.end.close()
     assert status()[0] == ERROR
-    shown = {value.key: value.value for value in one.status().values}
-    assert shown["region"] == f"/dev/shm/{region_name(topic)}"
-    assert (shown["passed"], shown["rejected"], shown["type"]) == ("1", "1", "cell_msgs/Path")
-    assert 0.2 < float(shown["age [s]"]) < 10
+    values = {value.key: value.value for value in line.status().values}
+    assert values["region"] == f"/dev/shm/{region_name(topic)}"
+    assert (values["passed"], values["rejected"], values["type"]) == ("1", "1", "cell_msgs/Path")
+    assert 0.2 < float(values["age [s]"]) < 10
 
 
-def test_the_plc_sees_a_ros_that_fell_silent(line: Callable[..., Line]) -> None:
-    """The heartbeat stands for ROS, not only for the bridge."""
-    one = line("stale = 0.1")
-    with one.reader() as reader:
+def test_heartbeat_stops_if_ros_is_silent(open_line: Callable[..., Line]) -> None:
+    """Stop the heartbeat in the region if ROS is silent, even while the bridge runs."""
+    line = open_line("stale = 0.1")
+    with line.reader() as reader:
         assert reader.is_stale(0)
-        one.side.take(message())
-        one.side.beat()
+        line.side.take(message())
+        line.side.beat()
         assert not reader.is_stale(5)
         time.sleep(0.15)
         before = region_of(reader).words[38]
-        one.side.beat()
+        line.side.beat()
         assert region_of(reader).words[38] == before
-        one.side.take(message())
-        one.side.beat()
+        line.side.take(message())
+        line.side.beat()
         assert region_of(reader).words[38] != before
 
 
-def test_a_plc_whose_heartbeat_stands_still_is_stale(line: Callable[..., Line]) -> None:
-    one = line("stale = 0.1", "from_plc")
-    one.start()
-    with one.writer() as writer:
+def test_plc_without_a_changing_heartbeat_is_stale(open_line: Callable[..., Line]) -> None:
+    line = open_line("stale = 0.1", "from_plc")
+    line.start()
+    with line.writer() as writer:
         for _ in range(20):
             writer.heartbeat()
-            one.side.beat()
+            line.side.beat()
             time.sleep(0.01)
-        assert one.status().level == OK
+        assert line.status().level == OK
         time.sleep(0.15)
-        one.side.beat()
-        assert (one.status().level, one.status().message) == (
+        line.side.beat()
+        assert (line.status().level, line.status().message) == (
             STALE,
             "the PLC's heartbeat has not changed for 0.1 s or more",
         )
 
 
-def test_a_type_of_several_messages_is_refused(tmp_path: Path, topic: str) -> None:
+def test_service_type_is_refused_as_topic_type(tmp_path: Path, topic: str) -> None:
     service = tmp_path / "cell_msgs" / "srv" / "Start.srv"
     service.parent.mkdir(parents=True)
     service.write_text("bool now\n---\nbool done\n")
@@ -383,10 +383,10 @@ def test_a_type_of_several_messages_is_refused(tmp_path: Path, topic: str) -> No
         plan.routes(Session(load(tmp_path / "shmgen.toml", "shmgen.toml", Report())))
 
 
-def test_messages_of_another_definition_are_known_at_once(line: Callable[..., Line]) -> None:
-    route = line().route
+def test_ros_message_of_another_definition_is_detected(open_line: Callable[..., Line]) -> None:
+    route = open_line().route
     plan.check(route, message())
-    other = message()
-    del other.level
+    other_message = message()
+    del other_message.level
     with pytest.raises(ValueError, match=r"cell_msgs/Path of this ROS differs from shmgen's definition: .*'level'"):
-        plan.check(route, other)
+        plan.check(route, other_message)

@@ -1,4 +1,4 @@
-"""A goal for an action server of ROS 2 is sent when all ends of the server are known, and not before."""
+"""Test that a goal for a ROS 2 action server waits until all endpoints of the server are discovered."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shmgen.generator import pipeline
 
 
 class Backend:
-    """It knows of all ends of the server but the `missing` one."""
+    """A backend that has discovered all endpoints of the server except `missing`."""
 
     def __init__(self, missing: str) -> None:
         self.missing = missing
@@ -37,7 +37,7 @@ class Backend:
 
 
 @pytest.mark.parametrize("missing", ["send_goal", "get_result", "cancel_goal", "feedback", "nothing"])
-def test_a_server_that_is_found_in_part(missing: str, tmp_path: Path) -> None:
+def test_goal_waits_for_all_endpoints_of_the_server(missing: str, tmp_path: Path) -> None:
     file = tmp_path / "test_msgs" / "action" / "Fibonacci.action"
     file.parent.mkdir(parents=True)
     file.write_text("int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n")
@@ -45,14 +45,14 @@ def test_a_server_that_is_found_in_part(missing: str, tmp_path: Path) -> None:
     parts = {message.name.name: message for message in schema.messages}
     wire = ActionWire("/reach", *((parts[f"Fibonacci_{part}"],) for part in ("Goal", "Result", "Feedback")))
     backend: Any = Backend(missing)
-    seeker = ros2_actions.action_client(
+    action_client = ros2_actions.action_client(
         backend, wire, SimpleNamespace(reject=None, refuse=None, set_incompatible_peer=None, lose=None)
     )  # type: ignore[arg-type]
     follower: Any = None
     if missing == "nothing":
-        assert seeker.send(lambda goal: None, 0.03, follower) is None
+        assert action_client.send(lambda goal: None, 0.03, follower) is None
         assert backend.called == ["/reach/_action/send_goal"]
     else:
         with pytest.raises(NoAnswer, match=r"no server within 0\.03 s"):
-            seeker.send(lambda goal: None, 0.03, follower)
+            action_client.send(lambda goal: None, 0.03, follower)
         assert backend.called == []

@@ -1,4 +1,4 @@
-"""Services of a real ROS 1 through the bridge, both ways; Python plays the PLC here, over the regions."""
+"""Test services of a real ROS 1 through the bridge, both ways. Python replaces the PLC at the regions."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ timeout = 2.0
 
 
 class Cell:
-    """The graph, the bridge, and the PLC's ends of its services."""
+    """The graph, the bridge, and the PLC's servers and clients."""
 
     def __init__(self, graph: Graph, space: str) -> None:
         part = "string name\nfloat32 size\n"
@@ -60,11 +60,11 @@ class Cell:
         self.routes = {route.entry.name.rpartition("/")[2]: route for route in services(Session(config))}
 
     def serve(self, name: str, handler: Callable[[Any], Any]) -> threading.Event:
-        """In a thread, until the event is set."""
+        """Serve in a thread until the returned event is set."""
         route = self.routes[name]
         kinds = {
-            "request_subscriber": end(Subscriber, route, "_Request"),
-            "reply_publisher": end(Publisher, route, "_Reply"),
+            "request_subscriber": endpoint_class(Subscriber, route, "_Request"),
+            "reply_publisher": endpoint_class(Publisher, route, "_Reply"),
         }
         server = type("Server", (ServiceServer,), kinds)(route.entry.name)
         stop = threading.Event()
@@ -80,19 +80,19 @@ class Cell:
     def client(self, name: str) -> ServiceClient[Any, Any]:
         route = self.routes[name]
         kinds = {
-            "request_publisher": end(Publisher, route, "_Request"),
-            "reply_subscriber": end(Subscriber, route, "_Reply"),
+            "request_publisher": endpoint_class(Publisher, route, "_Request"),
+            "reply_subscriber": endpoint_class(Subscriber, route, "_Reply"),
         }
-        made: ServiceClient[Any, Any] = type("Client", (ServiceClient,), kinds)(route.entry.name)
-        return made
+        service_client: ServiceClient[Any, Any] = type("Client", (ServiceClient,), kinds)(route.entry.name)
+        return service_client
 
     def call(self, name: str, values: str) -> str:
-        """`rosservice call`."""
-        done = self.graph.command("rosservice", "call", f"{self.space}/{name}", values)
-        return str(done.communicate(timeout=LIMIT)[0]) + (self.graph.folder / "log").read_text()
+        """Run `rosservice call`, and return its output and the log of errors."""
+        process = self.graph.command("rosservice", "call", f"{self.space}/{name}", values)
+        return str(process.communicate(timeout=LIMIT)[0]) + (self.graph.folder / "log").read_text()
 
 
-def end(base: Any, route: CallRoute, part: str) -> Any:
+def endpoint_class(base: Any, route: CallRoute, part: str) -> Any:
     return type("End", (base,), {"message_type": route.kinds[part]})
 
 
@@ -101,33 +101,33 @@ def cell(graph: Graph, space: str) -> Cell:
     return Cell(graph, space)
 
 
-def test_both_ways(cell: Cell) -> None:
-    """Answered, failed and not answered at all, with a type that is installed and one that is not."""
+def test_services_pass_both_ways(cell: Cell) -> None:
+    """Answer calls, fail them, and leave them unanswered, with an installed type and with one that is not installed."""
     stop = cell.serve(
         "flag", lambda request: SimpleNamespace(success=request.data, message="on" if request.data else "")
     )
-    shown = cell.call("flag", "data: true")
-    assert "success: True" in shown
-    assert 'message: "on"' in shown
+    output = cell.call("flag", "data: true")
+    assert "success: True" in output
+    assert 'message: "on"' in output
 
-    seen: list[Any] = []
+    requests: list[Any] = []
 
     def start(request: Any) -> Any:
-        seen.append([(part.name, part.size) for part in request.parts])
+        requests.append([(part.name, part.size) for part in request.parts])
         if len(request.parts) == 1:
             raise RuntimeError("told to")
         return SimpleNamespace(count=len(request.parts), text="started")
 
     stopping = cell.serve("start", start)
-    shown = cell.call("start", "{parts: [{name: a, size: 1.5}, {name: b}], when: 0}")
-    assert "count: 2" in shown
-    assert 'text: "started"' in shown
-    assert seen == [[("a", 1.5), ("b", 0.0)]]
+    output = cell.call("start", "{parts: [{name: a, size: 1.5}, {name: b}], when: 0}")
+    assert "count: 2" in output
+    assert 'text: "started"' in output
+    assert requests == [[("a", 1.5), ("b", 0.0)]]
 
-    shown = cell.call("start", "{parts: [{name: a}], when: 0}")
-    assert re.search(r"the server reported that call \d+ failed", shown)
-    shown = cell.call("start", "{parts: [{name: much too long a name}, {}], when: 0}")
-    assert "service cannot process request: parts[0].name: 20 bytes of UTF-8, capacity 16" in shown
+    output = cell.call("start", "{parts: [{name: a}], when: 0}")
+    assert re.search(r"the server reported that call \d+ failed", output)
+    output = cell.call("start", "{parts: [{name: much too long a name}, {}], when: 0}")
+    assert "service cannot process request: parts[0].name: 20 bytes of UTF-8, capacity 16" in output
     stopping.set()
     stop.set()
     cell.bridge.wait_for_line("/start: .* failed")
@@ -137,7 +137,7 @@ def test_both_ways(cell: Cell) -> None:
     with cell.client("fetch") as plc:
         request = SimpleNamespace(parts=[], when=SimpleNamespace(secs=5, nsecs=0))
         with pytest.raises(CallFailed):
-            plc.call(request, LIMIT)  # nobody serves it in ROS
+            plc.call(request, LIMIT)  # ROS has no server yet
         peer.ask(do="serve", service=f"{cell.space}/fetch", type="cell_msgs/Start", answers=answers)
         response = plc.call(request, LIMIT)
         assert (response.count, response.text) == (7, "seven")
@@ -150,18 +150,18 @@ def test_both_ways(cell: Cell) -> None:
     cell.bridge.wait_for_line("the ROS master is unreachable")
     cell.graph.start_master()
     cell.bridge.wait_for_line("registering again")
-    again = cell.serve("flag", lambda request: SimpleNamespace(success=False, message="again"))
+    stop_again = cell.serve("flag", lambda request: SimpleNamespace(success=False, message="again"))
     assert 'message: "again"' in cell.call("flag", "data: true")
-    again.set()
+    stop_again.set()
 
-    # Somebody removes the regions, and the PLC makes new ones.
-    time.sleep(0.2)  # the server that was `again` lets go
+    # Remove the regions; the PLC recreates them.
+    time.sleep(0.2)  # until the last server has closed its regions
     for file in Path("/dev/shm").glob(f"*{cell.space[1:]}.*"):
         file.unlink()
     time.sleep(0.5)
-    anew = cell.serve("flag", lambda request: SimpleNamespace(success=True, message="anew"))
+    stop_anew = cell.serve("flag", lambda request: SimpleNamespace(success=True, message="anew"))
     assert 'message: "anew"' in cell.call("flag", "data: true")
-    anew.set()
+    stop_anew.set()
     peer = cell.graph.peer()
     peer.ask(do="serve", service=f"{cell.space}/fetch", type="cell_msgs/Start", answers=[{"count": 10}])
     with cell.client("fetch") as plc:
@@ -173,6 +173,6 @@ def test_both_ways(cell: Cell) -> None:
     cell.bridge.wait_for_line("/fetch +3 passed, 1 rejected, 2 failed")
 
 
-def test_a_plc_that_is_off_costs_its_timeout_and_no_more(cell: Cell) -> None:
-    shown = cell.call("start", "{parts: [], when: 0}")
-    assert "no server within 0.5 s; the request was not sent" in shown
+def test_call_to_a_stopped_plc_fails_after_its_timeout(cell: Cell) -> None:
+    output = cell.call("start", "{parts: [], when: 0}")
+    assert "no server within 0.5 s; the request was not sent" in output

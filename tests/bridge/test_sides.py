@@ -1,4 +1,4 @@
-"""All topics of a bridge together: a fault of one does not concern the others, and a reload changes all or none."""
+"""Test all topics of a bridge together: errors stay within one topic, and a reload changes all topics or none."""
 
 from __future__ import annotations
 
@@ -23,36 +23,36 @@ from shmgen.live.session import Session
 from shmgen.runtime import Time
 
 from ..support.ros1 import wait_for
-from .test_blocked import Blocked, blocked  # noqa: F401
-from .test_routes import soon
+from .test_blocked import BlockedBridge, start_blocked  # noqa: F401
+from .test_routes import wait_until
 
 
-def side(name: str, beat: Any, told: list[str]) -> Any:
+def new_side(name: str, beat: Any, log: list[str]) -> Any:
     stopping = threading.Event()
-    counters = Counters(name, told.append)
-    made = SimpleNamespace(beat=beat, counters=counters, stop=lambda: True, end=SimpleNamespace(close=lambda: None))
-    return _Carried(None, made, stopping)  # type: ignore[arg-type]
+    counters = Counters(name, log.append)
+    stand_in = SimpleNamespace(beat=beat, counters=counters, stop=lambda: True, end=SimpleNamespace(close=lambda: None))
+    return _Carried(None, stand_in, stopping)  # type: ignore[arg-type]
 
 
-def test_a_side_that_raises_does_not_stop_the_heartbeats_of_the_others() -> None:
-    told: list[str] = []
+def test_error_of_a_topic_stops_no_other_heartbeat() -> None:
+    log: list[str] = []
     beats: list[int] = []
     alive: list[int] = []
 
     def fail() -> None:
         raise KeyError("odd")
 
-    sides = Sides(told.append, lambda: alive.append(1))
-    sides._carried = {1: side("/a", fail, told), 2: side("/b", lambda: beats.append(1), told)}
+    sides = Sides(log.append, lambda: alive.append(1))
+    sides._carried = {1: new_side("/a", fail, log), 2: new_side("/b", lambda: beats.append(1), log)}
     try:
-        soon(lambda: len(beats) > 3 and len(alive) > 3)
+        wait_until(lambda: len(beats) > 3 and len(alive) > 3)
     finally:
         sides.stop()
-    assert told == ["/a: KeyError: 'odd'"]
+    assert log == ["/a: KeyError: 'odd'"]
 
 
 class Ros(Backend):
-    """A Backend. It rejects the topics in `rejected` once; `late` has what was sent through a closed end."""
+    """A backend that rejects each topic in `rejected` once. `late` lists messages sent after their publisher closed."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -100,15 +100,15 @@ class Ros(Backend):
 
 
 class Stage:
-    """Sides with a backend in this process, and the configuration of their topics."""
+    """Topics with a backend in this process, and their configuration."""
 
     def __init__(self, folder: Path, space: str) -> None:
         self.folder, self.space = folder, space
-        self.told: list[str] = []
-        self.ros, self.sides = Ros(), Sides(self.told.append)
+        self.log: list[str] = []
+        self.ros, self.sides = Ros(), Sides(self.log.append)
 
     def session(self, **topics: str) -> Session:
-        """Topics by their names; each has keys of shmgen.toml, separated by semicolons."""
+        """Configure topics by name. The values are keys of shmgen.toml, separated by semicolons."""
         text = "".join(
             f'[[topics]]\ntopic = "{self.space}/{name}"\ntype = "std_msgs/Bool"\n{keys.replace("; ", chr(10))}\n'
             for name, keys in topics.items()
@@ -116,7 +116,7 @@ class Stage:
         (self.folder / "shmgen.toml").write_text(text)
         return Session(load(self.folder / "shmgen.toml", "shmgen.toml", Report()))
 
-    def begin(self, **topics: str) -> None:
+    def start(self, **topics: str) -> None:
         self.sides.open(self.session(**topics))
         self.sides.start(self.ros)
 
@@ -132,13 +132,13 @@ class Stage:
 
 @pytest.fixture
 def stage(tmp_path: Path, space: str) -> Iterator[Stage]:
-    made = Stage(tmp_path, space)
-    yield made
-    made.sides.close()
+    created_stage = Stage(tmp_path, space)
+    yield created_stage
+    created_stage.sides.close()
 
 
-def test_a_reload_keeps_what_did_not_change_and_all_counters(stage: Stage) -> None:
-    stage.begin(a="", b="", c="")
+def test_reload_keeps_unchanged_topics_and_all_counters(stage: Stage) -> None:
+    stage.start(a="", b="", c="")
     untouched = next(iter(stage.sides))
     for name in "abc":
         stage.take(name)
@@ -149,11 +149,11 @@ def test_a_reload_keeps_what_did_not_change_and_all_counters(stage: Stage) -> No
     stage.change(a="", b="stale = 3", c="")
     stage.take("c")
     assert stage.counters() == {"a": "2 passed", "b": "2 passed", "c": "2 passed"}
-    assert f"{stage.space}/c: removed from shmgen.toml, no longer carried: 1 passed" in stage.told
+    assert f"{stage.space}/c: removed from shmgen.toml, no longer carried: 1 passed" in stage.log
 
 
-def test_a_reload_counts_every_sample_of_a_topic_that_changes(stage: Stage) -> None:
-    stage.begin(a='direction = "from_plc"; depth = 8')
+def test_reload_counts_every_sample_of_a_changed_topic(stage: Stage) -> None:
+    stage.start(a='direction = "from_plc"; depth = 8')
     stop, sent = threading.Event(), 0
     (kind,) = {side.route.kind for side in stage.sides if isinstance(side, FromPlc)}
 
@@ -171,14 +171,14 @@ def test_a_reload_counts_every_sample_of_a_topic_that_changes(stage: Stage) -> N
         stop.set()
         thread.join()
         (counters,) = (side.counters for side in stage.sides)
-        soon(lambda: counters.passed + counters.missed >= sent)
+        wait_until(lambda: counters.passed + counters.missed >= sent)
     assert counters.passed + counters.missed == sent
     assert counters.passed
 
 
 @pytest.mark.parametrize("rejected", ["b", "new"])
-def test_a_reload_that_ros_rejects_changes_nothing(stage: Stage, rejected: str) -> None:
-    stage.begin(a="", b="", c="")
+def test_reload_rejected_by_ros_changes_nothing(stage: Stage, rejected: str) -> None:
+    stage.start(a="", b="", c="")
     for name in "abc":
         stage.take(name)
     stage.ros.rejected.append(f"{stage.space}/{rejected}")
@@ -190,62 +190,62 @@ def test_a_reload_that_ros_rejects_changes_nothing(stage: Stage, rejected: str) 
     assert set(stage.ros.sinks) == {f"{stage.space}/{name}" for name in "abc"}
 
 
-def test_a_topic_that_a_rejected_reload_wanted_to_change_is_closed_by_its_removal(stage: Stage) -> None:
-    stage.begin(a="", b="")
+def test_removal_after_a_rejected_reload_closes_the_topic(stage: Stage) -> None:
+    stage.start(a="", b="")
     kind = stage.session(b="").message("std_msgs/Bool")
     stage.ros.rejected.append(f"{stage.space}/new")
     with pytest.raises(ValueError, match="not installed"):
         stage.change(a="", b="stale = 3", new="")
     stage.change(a="")
-    with publisher(kind, f"{stage.space}/b", 1) as writer:  # RegionInUse if the bridge still has it open
+    with publisher(kind, f"{stage.space}/b", 1) as writer:  # raises RegionInUse if the bridge has not closed it
         writer.publish(kind())
 
 
-def test_nothing_is_sent_through_an_end_that_a_reload_took_back(stage: Stage) -> None:
-    """The message under way is finished first, however long ROS takes for it, and the others are counted."""
-    out = 'direction = "from_plc"; depth = 32'
-    stage.begin(a=out, b="")
-    kind = stage.session(a=out, b="").message("std_msgs/Bool")
+def test_nothing_is_sent_through_a_removed_publisher(stage: Stage) -> None:
+    """Finish sending the current message first, even if ROS is slow, and count the others."""
+    keys = 'direction = "from_plc"; depth = 32'
+    stage.start(a=keys, b="")
+    kind = stage.session(a=keys, b="").message("std_msgs/Bool")
     stage.ros.pause = 0.7
     with publisher(kind, f"{stage.space}/a", 32) as writer:
         for _ in range(4):
             writer.publish(kind())
-        soon(lambda: stage.sides._counters and next(iter(stage.sides)).counters.newest)
+        wait_until(lambda: stage.sides._counters and next(iter(stage.sides)).counters.newest)
         stage.change(b="")
     time.sleep(1.5)
     assert not stage.ros.late
-    (counters,) = (one for (_, name), one in stage.sides._counters.items() if name.endswith("/a"))
+    (counters,) = (counter for (_, name), counter in stage.sides._counters.items() if name.endswith("/a"))
     assert counters.passed + counters.missed == 4
 
 
-def test_a_stop_ends_a_reload(stage: Stage) -> None:
-    stage.begin(a="")
+def test_stop_ends_a_reload(stage: Stage) -> None:
+    stage.start(a="")
     stage.ros._check = lambda topic: time.sleep(1000)  # type: ignore[method-assign]
     stop = threading.Event()
     threading.Timer(0.3, stop.set).start()
-    begun = time.monotonic()
+    started_at = time.monotonic()
     stage.sides.change(stage.session(a="", b=""), stage.ros, stop.is_set)  # type: ignore[arg-type]
-    assert time.monotonic() - begun < 3
+    assert time.monotonic() - started_at < 3
 
 
-def test_a_file_that_is_being_written_is_read_again(blocked: Callable[..., Blocked]) -> None:  # noqa: F811
-    """And an empty one is rejected: nothing is closed, and counters go on."""
-    one = blocked("close", "free")
-    file = one.folder / "shmgen.toml"
+def test_reload_retries_a_file_that_was_empty(start_blocked: Callable[..., BlockedBridge]) -> None:  # noqa: F811
+    """Reject an empty file without closing a topic or resetting a counter."""
+    run = start_blocked("close", "free")
+    file = run.folder / "shmgen.toml"
     text = file.read_text()
-    one.bridge.wait_for_line("^running")
-    one.publish("out")
-    one.bridge.counted("1 passed")
-    before = one.heartbeat()
+    run.bridge.wait_for_line("^running")
+    run.publish("out")
+    run.bridge.counted("1 passed")
+    before = run.heartbeat()
     file.write_text("")
-    one.process.send_signal(signal.SIGHUP)
-    one.bridge.wait_for_line("was not reloaded: no topic, service or action is listed")
-    wait_for(lambda: one.heartbeat() != before, "a heartbeat")
+    run.process.send_signal(signal.SIGHUP)
+    run.bridge.wait_for_line("was not reloaded: no topic, service or action is listed")
+    wait_for(lambda: run.heartbeat() != before, "a heartbeat")
     file.write_text("")
-    one.process.send_signal(signal.SIGHUP)
+    run.process.send_signal(signal.SIGHUP)
     time.sleep(0.1)
-    file.write_text(text + f'[[topics]]\ntopic = "{one.topics["in"]}2"\ntype = "std_msgs/Bool"\n')
-    one.bridge.wait_for_line("was read again: topics: 4")
-    one.publish("out")
-    one.bridge.counted("2 passed")
-    assert not [line for line in one.bridge.lines if "topics: 0" in line]
+    file.write_text(text + f'[[topics]]\ntopic = "{run.topics["in"]}2"\ntype = "std_msgs/Bool"\n')
+    run.bridge.wait_for_line("was read again: topics: 4")
+    run.publish("out")
+    run.bridge.counted("2 passed")
+    assert not [line for line in run.bridge.lines if "topics: 0" in line]

@@ -166,7 +166,7 @@ def endpoint_class(base: Any, route: CallRoute, part: str) -> Any:
 
 
 @pytest.mark.slow
-def test_short_load_run_loses_no_message(cell: Domain, topic: str) -> None:
+def test_short_load_run_counts_every_lost_message(cell: Domain, topic: str) -> None:
     """Run the load test of `make load-bridge` for 3 s."""
     result = bridged(cell, topic, 3)
     assert result.run.sent == 3 * sum(RATES.values())

@@ -153,7 +153,7 @@ def test_thousand_messages_per_second_pass_each_way(cell: Graph, space: str) -> 
 
 
 @pytest.mark.slow
-def test_short_load_run_loses_no_message(graph: Graph, space: str) -> None:
+def test_short_load_run_counts_every_lost_message(graph: Graph, space: str) -> None:
     """Run the load test of `make load-bridge` for 3 s."""
     graph.router()
     result = bridged(graph, f"{space}/load", 3)
