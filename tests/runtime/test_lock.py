@@ -1,4 +1,4 @@
-"""What outlives a process: its lock, healed; its wake-up, taken over; its heartbeat, missed."""
+"""A dead process blocks no other: its lock is recovered, other readers are woken, and its heartbeat becomes stale."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from .messages import WHY_NOT, PosePublisher, PoseSubscriber, pose
 NEVER = 1e9
 SOON = 0.05
 LATE = 20.0
-"""Seconds; a busy machine takes long for what is over at once."""
+"""Seconds that a busy machine may need for an immediate action."""
 
 
 each_engine = pytest.mark.usefixtures("each_engine")
@@ -43,16 +43,16 @@ in_c = pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT)
 
 @pytest.fixture
 def value(topic):
-    """The value of the region's semaphore, or of its event."""
+    """A function that returns the value of the region's semaphore, or of the named semaphore."""
 
-    def look(name=None):
+    def read_value(name=None):
         semaphore = posix_ipc.Semaphore("/" + (name or runtime.region_name(topic)))
         try:
             return semaphore.value
         finally:
             semaphore.close()
 
-    return look
+    return read_value
 
 
 def dead_pid():
@@ -62,7 +62,7 @@ def dead_pid():
 
 
 def leave_locked(side, holder):
-    """As a process killed inside leaves it."""
+    """Leave the lock as a process does that is killed while it holds the lock."""
     words = region_of(side).words
     semaphore = posix_ipc.Semaphore("/" + region_of(side).name)
     semaphore.acquire(0)
@@ -78,13 +78,13 @@ def until(condition, deadline=20.0):
         time.sleep(0.001)
 
 
-# --- healing -------------------------------------------------------------------------------------
+# --- recovery ------------------------------------------------------------------------------------
 
 
 @in_c
-@pytest.mark.skipif(machine.EMULATED, reason="seconds, which qemu-user does not keep")
+@pytest.mark.skipif(machine.EMULATED, reason="qemu-user does not keep the time limits")
 @pytest.mark.parametrize(
-    ("holder", "least"),
+    ("holder", "minimum"),
     [
         pytest.param(dead_pid, 0.05, id="dead"),
         pytest.param(lambda: 0, 1.0, id="nobody"),
@@ -94,47 +94,47 @@ def until(condition, deadline=20.0):
     ],
 )
 @pytest.mark.family("[PLC]", "[alive]")
-def test_the_engine_in_c_heals_in_time(topic, value, holder, least):
-    """The best of three counts, where others take the processors."""
-    took = []
+def test_c_engine_recovers_the_lock_in_time(topic, value, holder, minimum):
+    """Count the best of three attempts, because other processes may use the processors."""
+    durations = []
     with PosePublisher(topic) as publisher:
         words = region_of(topic).words
-        while len(took) < 3 and not (took and took[-1] < 1.2 * least + 0.02):
+        while len(durations) < 3 and not (durations and durations[-1] < 1.2 * minimum + 0.02):
             publisher.publish(pose(0))
             before = words[h.RECOVERIES]
             leave_locked(publisher, holder())
             start = time.monotonic()
             while words[h.RECOVERIES] == before:
                 publisher.publish(pose(1))
-            took.append(time.monotonic() - start)
-            assert took[-1] >= least
+            durations.append(time.monotonic() - start)
+            assert durations[-1] >= minimum
             assert (words[h.LOCK_HOLDER], value()) == (0, 1)
-    assert took[-1] < 1.2 * least + 0.02, took
+    assert durations[-1] < 1.2 * minimum + 0.02, durations
 
 
 @each_engine
-def test_the_lock_of_a_killed_process_is_healed(topic, other, value):
+def test_lock_of_a_killed_process_is_recovered(topic, other, value):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(0))
         holder = other("inside", topic)
         assert region_of(publisher).words[h.LOCK_HOLDER] == holder.process.pid
         holder.kill()
-        # The writer goes on meanwhile: the number moves, `lock_count` does not.
+        # Meanwhile the writer continues: sample numbers increase, but `lock_count` does not.
         until(lambda: publisher.publish(pose(1)) or region_of(publisher).words[h.RECOVERIES])
         misses = publisher.lock_misses
         publisher.publish(pose(2))
         assert subscriber.read().position.x == 2.0
         assert (publisher.lock_misses, subscriber.lock_misses) == (misses, 0)
-        found = runtime.read_header(runtime.region_name(topic))
-        assert (found.recoveries, found.lock_holder, value()) == (1, 0, 1)
+        header = runtime.read_header(runtime.region_name(topic))
+        assert (header.recoveries, header.lock_holder, value()) == (1, 0, 1)
 
 
 @pytest.mark.usefixtures("on_x86")
 @pytest.mark.parametrize("holder", [dead_pid, lambda: 0, lambda: h.PLC, os.getppid, lambda: 1, lambda: 2**31])
-def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
-    """A pid that lives may be another process by now; that, the PLC and nobody are judged by the long rule."""
+def test_only_the_lock_of_a_dead_process_is_recovered_early(topic, monkeypatch, value, holder):
+    """Wait longer if the holder is a PLC, unknown, or a live process id, which may belong to a new process."""
     pid = holder()
-    early = holder is dead_pid
+    is_early = holder is dead_pid
     monkeypatch.setattr(lock, "_DEAD_AFTER", SOON)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(0))
@@ -143,9 +143,9 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         end = time.monotonic() + 4 * SOON
         while time.monotonic() < end:
             publisher.publish(pose(1))
-        assert region_of(publisher).words[h.RECOVERIES] == early
+        assert region_of(publisher).words[h.RECOVERIES] == is_early
         monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
-        # A reader heals as well.
+        # A reader recovers the lock as well.
         until(lambda: publisher.publish(pose(2)) or (subscriber.read() and region_of(publisher).words[h.RECOVERIES]))
         assert (region_of(publisher).words[h.RECOVERIES], region_of(publisher).words[h.LOCK_HOLDER], value()) == (
             1,
@@ -154,7 +154,7 @@ def test_only_a_dead_process_is_healed_early(topic, monkeypatch, value, holder):
         )
 
 
-def test_a_holder_is_only_asked_after(monkeypatch):
+def test_holder_is_only_probed_with_signal_0(monkeypatch):
     kill = Mock(side_effect=[None, PermissionError, ProcessLookupError])
     monkeypatch.setattr(os, "kill", kill)
     assert [lock._is_dead(4242) for _ in range(3)] == [False, False, True]
@@ -162,7 +162,7 @@ def test_a_holder_is_only_asked_after(monkeypatch):
 
 
 @pytest.mark.usefixtures("on_x86")
-def test_a_lock_is_watched_from_the_opening_on_only_if_it_is_not_free(topic, monkeypatch):
+def test_lock_is_watched_from_opening_only_if_it_is_busy(topic, monkeypatch):
     monkeypatch.setattr(lock, "_STUCK_AFTER", 4 * SOON)
     for stuck in (True, False):
         with PoseSubscriber(topic) as holder:
@@ -179,8 +179,8 @@ def test_a_lock_is_watched_from_the_opening_on_only_if_it_is_not_free(topic, mon
 
 @pytest.mark.usefixtures("on_x86")
 @pytest.mark.parametrize(("holder", "after"), [(dead_pid, lock._DEAD_AFTER), (lambda: 0, lock._STUCK_AFTER)])
-def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch, holder, after):
-    now = 0.0  # so that sums are exact
+def test_lock_acquired_by_others_is_not_stuck(topic, monkeypatch, holder, after):
+    now = 0.0  # a simulated clock, so that sums are exact
     with PosePublisher(topic, lock_timeout=0) as publisher:
         monkeypatch.setattr(lock, "time", SimpleNamespace(monotonic=lambda: now))
         leave_locked(publisher, holder())
@@ -192,15 +192,15 @@ def test_a_lock_that_others_pass_is_not_stuck(topic, monkeypatch, holder, after)
         assert words[h.RECOVERIES] == 0
         now = 0.0
         words[h.LOCK_COUNT] += 1
-        for instant, healed in ((0.0, 0), (after * 0.99, 0), (after, 1)):
+        for instant, recoveries in ((0.0, 0), (after * 0.99, 0), (after, 1)):
             now = instant
             publisher.publish(pose(1))
-            assert words[h.RECOVERIES] == healed
+            assert words[h.RECOVERIES] == recoveries
 
 
 @pytest.mark.usefixtures("on_x86")
-def test_a_wait_sleeps(topic, monkeypatch):
-    """A processor is not burnt for as long as somebody else is inside."""
+def test_wait_for_the_lock_sleeps(topic, monkeypatch):
+    """Use little processor time while another process holds the lock."""
     naps, now = [], 0.0
 
     def sleep(seconds):
@@ -214,21 +214,21 @@ def test_a_wait_sleeps(topic, monkeypatch):
         publisher.publish(pose(1))
         assert (len(naps), set(naps)) == (pytest.approx(50, abs=1), {1e-4})
         first = len(naps)
-        publisher.publish(pose(2))  # the same stay: no second wait
+        publisher.publish(pose(2))  # the same acquisition: no second wait
         assert (len(naps), publisher.lock_misses) == (first, 2)
-        with PoseSubscriber(topic, lock_timeout=0.005) as subscriber:  # opened while somebody is inside
+        with PoseSubscriber(topic, lock_timeout=0.005) as subscriber:  # opened while the lock is busy
             subscriber._end.last = 0
             assert subscriber.read().position.x == 2.0
             assert (len(naps), subscriber.lock_misses) == (pytest.approx(2 * first, abs=2), 1)
         del naps[:]
-        region_of(publisher).words[h.LOCK_COUNT] += 1  # another is inside
-        assert not publisher._end.lock.acquire(0.002)  # a call that ends before the limit does
+        region_of(publisher).words[h.LOCK_COUNT] += 1  # another holder
+        assert not publisher._end.lock.acquire(0.002)  # the limit of this call is shorter than the lock timeout
         assert len(naps) == pytest.approx(20, abs=1)
 
 
 @in_python
-def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch, value):
-    """Else the next call would believe to be inside, and give back what it does not hold."""
+def test_lock_is_not_held_after_others_posted_tokens(topic, monkeypatch, value):
+    """Forget the held lock. Otherwise the next call would release a lock that it does not hold."""
     with PosePublisher(topic) as publisher:
         semaphore = publisher._end.region.semaphore
         with monkeypatch.context() as patch:
@@ -242,7 +242,7 @@ def test_a_token_that_others_post_at_each_try_is_not_ours(topic, monkeypatch, va
 
 
 @in_python
-def test_a_region_without_a_lock_is_not_entered(topic):
+def test_region_without_a_lock_counts_no_lock_misses(topic):
     assert Semaphore("").acquire() is False
     with PosePublisher(topic) as publisher:
         publisher._end.region.semaphore = Semaphore("")
@@ -251,17 +251,17 @@ def test_a_region_without_a_lock_is_not_entered(topic):
 
 
 @pytest.mark.usefixtures("on_x86")
-def test_one_healer_at_a_time(topic, monkeypatch, value):
+def test_only_one_process_at_a_time_recovers_the_lock(topic, monkeypatch, value):
     monkeypatch.setattr(lock, "_DEAD_AFTER", 0.0)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         leave_locked(publisher, dead_pid())
-        healer = region_of(subscriber)
-        assert record_locks.lock_byte(healer.file, REPAIR_LOCK)
+        repairer = region_of(subscriber)
+        assert record_locks.lock_byte(repairer.file, REPAIR_LOCK)
         for _ in range(5):
             publisher.publish(pose(1))
         assert (region_of(publisher).words[h.RECOVERIES], value()) == (0, 0)
-        record_locks.unlock_byte(healer.file, REPAIR_LOCK)
-        # Both have taken it to be stuck; the second looks once more.
+        record_locks.unlock_byte(repairer.file, REPAIR_LOCK)
+        # Both consider the lock stuck. The second checks again before its recovery.
         stay = publisher._end.lock._stay()
         assert publisher._end.lock._recover(stay)
         assert not subscriber._end.lock._recover(stay)
@@ -272,8 +272,8 @@ def test_one_healer_at_a_time(topic, monkeypatch, value):
 
 @in_python
 @pytest.mark.parametrize(("count", "after"), [(0, 1), (7, 8), (h.LAST, 0)])
-def test_taking_over_is_a_stay_of_its_own(topic, count, after):
-    """Otherwise whoever has the same number as the dead one, in another container, would be taken for dead as well."""
+def test_recovery_counts_as_a_new_acquisition(topic, count, after):
+    """Change `lock_count`; otherwise a process with the same id in another container would be considered dead too."""
     with PosePublisher(topic) as publisher:
         leave_locked(publisher, 1)
         region_of(publisher).words[h.LOCK_COUNT] = count
@@ -283,32 +283,32 @@ def test_taking_over_is_a_stay_of_its_own(topic, count, after):
 
 
 @in_python
-def test_a_lock_that_came_free_is_entered_not_healed(topic):
+def test_lock_that_became_free_is_acquired_without_recovery(topic):
     with PosePublisher(topic) as publisher:
         assert publisher._end.lock._recover(publisher._end.lock._stay())
         assert region_of(publisher).words[h.RECOVERIES] == 0
 
 
 @each_engine
-def test_a_holder_that_comes_back_leaves_no_surplus(topic, other, monkeypatch, value):
+def test_resumed_holder_leaves_no_surplus_token(topic, other, monkeypatch, value):
     with PosePublisher(topic) as publisher:
         monkeypatch.setattr(lock, "_STUCK_AFTER", SOON)
         holder = other("hold", topic)
         until(lambda: publisher.publish(pose(1)) or region_of(publisher).words[h.RECOVERIES])
         holder.end()
-        assert value() == 1, "it sees that the token is there, and posts none"
+        assert value() == 1, "the holder finds the token and posts no second token"
 
 
 @pytest.mark.usefixtures("on_arm")
-def test_where_the_lock_is_needed_a_call_lasts_until_it_is_healed(topic, value):
-    """And raises nothing: publish() by its own limit, wait() by that of the call, read() has nothing new meanwhile."""
+def test_arm_calls_wait_until_the_lock_is_recovered(topic, value):
+    """Raise no error: publish() and wait() wait within their limits, and read() returns None in the meantime."""
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
-        for holder, soonest in ((dead_pid(), lock._DEAD_AFTER), (h.PLC, lock._STUCK_AFTER)):
+        for holder, earliest in ((dead_pid(), lock._DEAD_AFTER), (h.PLC, lock._STUCK_AFTER)):
             leave_locked(publisher, holder)
             start = time.monotonic()
             publisher.publish(pose(2))
-            assert soonest <= time.monotonic() - start < soonest + LATE
+            assert earliest <= time.monotonic() - start < earliest + LATE
         leave_locked(publisher, os.getpid())
         assert subscriber.read() is None
         region_of(publisher).words[h.LOCK_HOLDER] = dead_pid()
@@ -318,7 +318,7 @@ def test_where_the_lock_is_needed_a_call_lasts_until_it_is_healed(topic, value):
 
 
 @pytest.mark.usefixtures("on_arm")
-def test_where_the_lock_is_needed_a_time_limit_is_a_time_limit(topic, monkeypatch):
+def test_arm_calls_keep_their_time_limits(topic, monkeypatch):
     with (
         PosePublisher(topic) as publisher,
         PoseSubscriber(topic, lock_timeout=1) as subscriber,
@@ -327,14 +327,14 @@ def test_where_the_lock_is_needed_a_time_limit_is_a_time_limit(topic, monkeypatc
         publisher.publish(pose(1))
         leave_locked(publisher, os.getpid())
         threading.Timer(0.03, PosixRelease(topic)).start()
-        publisher.publish(pose(2))  # a live holder of 30 ms
+        publisher.publish(pose(2))  # a live process holds the lock for 30 ms
 
         monkeypatch.setattr(lock, "_STUCK_AFTER", NEVER)
         leave_locked(publisher, os.getpid())
         publisher._end.lock.timeout = 0.05
         for call, least in (
             (lambda: publisher._end.publish(pose(3), int(1e8)), 0.1),
-            (lambda: publisher.publish(pose(3)), 0.05),  # again with its own
+            (lambda: publisher.publish(pose(3)), 0.05),  # again with its own lock timeout
         ):
             start = time.monotonic()
             with pytest.raises(runtime.LockTimeout, match=f"held by process {os.getpid()}; nothing was published"):
@@ -349,7 +349,7 @@ def test_where_the_lock_is_needed_a_time_limit_is_a_time_limit(topic, monkeypatc
 
 
 class PosixRelease:
-    """What a holder does that comes out."""
+    """A call posts the semaphore, as a holder does that releases the lock."""
 
     def __init__(self, topic, name=None):
         self.name = "/" + (name or runtime.region_name(topic))
@@ -361,8 +361,8 @@ class PosixRelease:
 
 
 @each_engine
-def test_a_signal_does_not_cut_a_wait_short(topic):
-    """Neither one for the lock nor one for a sample."""
+def test_signal_does_not_shorten_a_wait(topic):
+    """Wait for the lock, and for a sample, while signals arrive."""
     former = signal.signal(signal.SIGALRM, lambda *_: None)
     with PosePublisher(topic, lock_timeout=1) as publisher, PoseSubscriber(topic) as subscriber:
         signal.setitimer(signal.ITIMER_REAL, 0.001, 0.001)
@@ -382,35 +382,35 @@ def test_a_signal_does_not_cut_a_wait_short(topic):
 # --- waking up -----------------------------------------------------------------------------------
 
 
-def naps_of(call):
-    """How often this thread slept meanwhile."""
+def count_naps(call):
+    """Return how often this thread slept during the call."""
     before = resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
     call()
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw - before
 
 
 @in_c
-def test_a_waiting_reader_is_woken_and_does_not_poll(topic, other):
-    writer, heard, late = other("publish", topic), [], []
+def test_waiting_reader_is_woken_and_does_not_poll(topic, other):
+    writer, sequences, delays = other("publish", topic), [], []
     with PoseSubscriber(topic) as subscriber:
         for x in range(20):
 
-            def tell(x=x):
+            def publish_when_armed(x=x):
                 until_armed(subscriber)
                 writer.tell(float(x))
-                heard.append(int(writer.hear()))
-                late.append(time.monotonic())
+                sequences.append(int(writer.hear()))
+                delays.append(time.monotonic())
 
-            thread = threading.Thread(target=tell)
+            thread = threading.Thread(target=publish_when_armed)
             thread.start()
             assert subscriber.wait(LATE).position.x == x
-            woken = time.monotonic()
+            woken_at = time.monotonic()
             thread.join()
-            late[-1] = woken - late[-1]
+            delays[-1] = woken_at - delays[-1]
             assert region_of(subscriber).words[h.ARMED] == 0
-        assert heard == list(range(1, 21))
-        assert min(late) < 0.002, "of ten milliseconds that a lost wake-up costs"
-        assert naps_of(lambda: subscriber.wait(0.5)) < 100
+        assert sequences == list(range(1, 21))
+        assert min(delays) < 0.002, "a lost wake-up costs ten milliseconds"
+        assert count_naps(lambda: subscriber.wait(0.5)) < 100
 
 
 def until_armed(subscriber):
@@ -419,7 +419,7 @@ def until_armed(subscriber):
 
 
 @each_engine
-def test_nobody_is_woken_who_does_not_wait(topic):
+def test_publish_wakes_only_waiting_readers(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         assert subscriber.wait(0).position.x == 1.0
@@ -428,7 +428,7 @@ def test_nobody_is_woken_who_does_not_wait(topic):
 
 
 @in_c
-def test_one_that_spins_long_enough_does_not_sleep(topic):
+def test_reader_that_spins_long_enough_does_not_sleep(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic, spin=0.001) as subscriber:
         assert not subscriber.ready(0.0005)
         assert region_of(subscriber).words[h.ARMED] == 0
@@ -439,13 +439,13 @@ def test_one_that_spins_long_enough_does_not_sleep(topic):
 
 
 @pytest.mark.parametrize("spin", [-1e-6, 0.002, float("nan")])
-def test_a_spin_that_cannot_be(topic, spin):
+def test_invalid_spin_is_refused(topic, spin):
     with pytest.raises(ValueError, match=r"it goes from 0 to 0\.001 seconds"):
         PoseSubscriber(topic, spin=spin)
 
 
 @pytest.mark.parametrize("locked", [False, True])
-def test_a_reader_that_died_waiting_does_no_harm(topic, locked, each_engine):
+def test_dead_waiting_reader_does_not_affect_others(topic, locked, each_engine):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         region_of(subscriber).words[h.ARMED] = 1
         assert subscriber.wait(0.02) is None
@@ -459,45 +459,45 @@ def test_a_reader_that_died_waiting_does_no_harm(topic, locked, each_engine):
 
 
 @in_c
-def test_a_post_too_many_does_not_make_a_reader_poll_for_good(topic, value):
-    """As a PLC leaves one where a sample came between `armed` and the second look."""
+def test_surplus_post_does_not_make_a_reader_poll(topic, value):
+    """Post like a PLC whose sample arrives between the reader's store of `armed` and its second check."""
     event = event_name(runtime.region_name(topic))
     with PoseSubscriber(topic) as subscriber:
         region_of(subscriber).words[h.WRITER] = abi.PLC
         assert subscriber.wait(0.02) is None
         PosixRelease(topic, event)()
-        assert naps_of(lambda: subscriber.wait(0.5)) < 100
+        assert count_naps(lambda: subscriber.wait(0.5)) < 100
         assert value(event) == 0
 
 
 @in_c
-def test_two_readers_that_wait_are_both_woken(topic):
-    """Each by each sample, and by the writer itself: neither takes from the other what wakes it."""
-    late = []
+def test_two_waiting_readers_are_both_woken(topic):
+    """Wake both readers for each sample. No reader consumes the wake-up of the other."""
+    delays = []
 
     def read(subscriber):
         for x in range(20):
             assert subscriber.wait(LATE).position.x == x
-            late.append(time.monotonic() - published[x])
+            delays.append(time.monotonic() - published[x])
 
     published = {}
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as one, PoseSubscriber(topic) as other:
-        threads = [threading.Thread(target=read, args=[side]) for side in (one, other)]
+    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as first, PoseSubscriber(topic) as second:
+        threads = [threading.Thread(target=read, args=[side]) for side in (first, second)]
         for thread in threads:
             thread.start()
         for x in range(20):
-            until_armed(one)
+            until_armed(first)
             time.sleep(0.005)
             published[x] = time.monotonic()
             publisher.publish(pose(x))
         for thread in threads:
             thread.join()
-        assert one.missed == other.missed == 0
-    assert sorted(late)[len(late) // 2] < 0.002, "of ten milliseconds that a lost wake-up costs"
+        assert first.missed == second.missed == 0
+    assert sorted(delays)[len(delays) // 2] < 0.002, "a lost wake-up costs ten milliseconds"
 
 
 @in_python
-def test_the_reference_looks_each_millisecond(topic, monkeypatch):
+def test_reference_polls_every_millisecond(topic, monkeypatch):
     naps, now = [], 0.0
 
     def sleep(seconds):
@@ -516,18 +516,18 @@ def test_the_reference_looks_each_millisecond(topic, monkeypatch):
 
 
 @pytest.mark.usefixtures("on_x86")
-def test_without_the_lock_a_fence_stands_between_completed_and_the_look_for_a_reader(topic, monkeypatch):
+def test_fence_precedes_the_check_for_waiting_readers(topic, monkeypatch):
     with PosePublisher(topic, lock_timeout=0) as publisher:
         words, fences = region_of(publisher).words, []
         monkeypatch.setattr("shmgen.runtime.reference.writer.fence", lambda: fences.append(words[h.COMPLETED0]))
         publisher.publish(pose(1))
         leave_locked(publisher, 0)
         publisher.publish(pose(2))
-        assert fences == [0, 1, 1, 2], "and one before the copy"
+        assert fences == [0, 1, 1, 2], "the first fence of each call precedes the copy"
 
 
 @each_engine
-def test_each_of_several_waiting_readers_gets_it(topic, other):
+def test_several_waiting_readers_get_each_sample(topic, other):
     with PosePublisher(topic) as publisher:
         readers = [other("read", topic) for _ in range(3)]
         for x in range(5):
@@ -542,7 +542,7 @@ def test_each_of_several_waiting_readers_gets_it(topic, other):
 
 
 @each_engine
-def test_stale_when_the_heartbeat_stands_still(topic):
+def test_subscriber_is_stale_if_the_heartbeat_stops(topic):
     with PoseSubscriber(topic) as subscriber:
         assert not subscriber.is_stale(60)
         time.sleep(0.03)

@@ -1,4 +1,4 @@
-"""One thread that waits for many topics."""
+"""One thread waits for many topics with ready_any()."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from .messages import Pose, PosePublisher, PoseSubscriber, pose
 
 COUNT = 3
 LONG = 600 * 10**9
-"""Nanoseconds: who is not woken from this fails by the time limit of a test."""
-sleeps = pytest.mark.skipif(not runtime.can_wait_for_many(), reason="this process cannot wait for many")
+"""Nanoseconds. A sleeper that nobody wakes exceeds the time limit of the test."""
+needs_sleep = pytest.mark.skipif(not runtime.can_wait_for_many(), reason="this process cannot wait for many")
 
 
 class LocklessSubscriber(runtime.Subscriber):
@@ -41,11 +41,11 @@ class LocklessSubscriber(runtime.Subscriber):
 
 @pytest.fixture
 def several(topic):
-    """Subscribers of some topics, their events open."""
+    """Subscribers of several topics, with open events."""
     with ExitStack() as stack:
-        made = [stack.enter_context(PoseSubscriber(f"{topic}/t{number}")) for number in range(COUNT)]
-        engine.sleep_any(tuple(one._end for one in made), 0)
-        yield made
+        subscribers = [stack.enter_context(PoseSubscriber(f"{topic}/t{number}")) for number in range(COUNT)]
+        engine.sleep_any(tuple(subscriber._end for subscriber in subscribers), 0)
+        yield subscribers
 
 
 @pytest.fixture
@@ -55,60 +55,60 @@ def writers(topic):
 
 
 @pytest.fixture(params=["C", "Python"])
-def ways(request, monkeypatch):
-    """Asleep on all events, and where that cannot be."""
+def sleep_or_poll(request, monkeypatch):
+    """Both ways to wait: a sleep on all events, and polling."""
     if request.param == "Python":
         use_python(monkeypatch)
     elif not runtime.can_wait_for_many():
         pytest.skip("this process cannot wait for many")
 
 
-def event_of(subscriber):
-    """Its value, and how many wait for it; nobody where there is none."""
+def read_event(subscriber):
+    """Return the value of the event and its number of waiters, or zeros if the event does not exist."""
     if not os.path.exists(semaphore_file(event_name(region_of(subscriber).name))):
         return 0, 0
     with open(semaphore_file(event_name(region_of(subscriber).name)), "rb") as file:
         return struct.unpack("<II", file.read(8))
 
 
-def at_rest(subscribers):
-    """Nobody is counted as waiting for the event, and nothing is left that would end a wait early."""
-    return [event_of(one) for one in subscribers] == [(0, 0)] * len(subscribers)
+def are_idle(subscribers):
+    """Return True if no event has a waiter, or a value that would end a wait early."""
+    return [read_event(subscriber) for subscriber in subscribers] == [(0, 0)] * len(subscribers)
 
 
-def dozing(subscribers):
-    return all(region_of(one).words[h.ARMED] for one in subscribers)
+def are_armed(subscribers):
+    return all(region_of(subscriber).words[h.ARMED] for subscriber in subscribers)
 
 
-def until(said):
+def until(condition):
     end = time.monotonic() + 60 * machine.slower
-    while not said():
+    while not condition():
         assert time.monotonic() < end
         os.sched_yield()
 
 
 def disarm(subscribers):
-    for one in subscribers:
-        region_of(one).words[h.ARMED] = 0
+    for subscriber in subscribers:
+        region_of(subscriber).words[h.ARMED] = 0
 
 
-def ring(subscriber):
-    """As a writer does that has a sample for who waits."""
+def wake_reader(subscriber):
+    """Wake the waiting reader, as a writer with a new sample does."""
     region = region_of(subscriber)
     region.words[h.ARMED] = 0
     region.words[h.BELL] += 1
     bell.ring(region.map)
 
 
-def doze_all(subscribers, ns):
-    """How many seconds it slept."""
+def sleep_on_all(subscribers, ns):
+    """Sleep on all subscribers, and return the duration in seconds."""
     before = time.monotonic()
-    engine.sleep_any(tuple(one._end for one in subscribers), ns)
+    engine.sleep_any(tuple(subscriber._end for subscriber in subscribers), ns)
     return time.monotonic() - before
 
 
-@pytest.mark.usefixtures("ways")
-def test_those_with_a_sample_and_no_others(several, writers):
+@pytest.mark.usefixtures("sleep_or_poll")
+def test_ready_any_returns_only_subscribers_with_a_sample(several, writers):
     assert ready_any([], 0.01) == ready_any(several[:1], 0.01) == []
     writers[2].publish(pose(1))
     writers[0].publish(pose(2))
@@ -120,131 +120,131 @@ def test_those_with_a_sample_and_no_others(several, writers):
     before = time.monotonic()
     assert ready_any(several, 0.03) == []
     assert time.monotonic() - before >= 0.03
-    assert at_rest(several)
+    assert are_idle(several)
 
 
-@sleeps
-def test_any_writer_wakes_who_sleeps_and_nobody_polls(several, other, monkeypatch):
+@needs_sleep
+def test_any_writer_wakes_the_sleeping_reader(several, other, monkeypatch):
     monkeypatch.setattr(wait_any, "_SLICE", LONG / 1e9)
     processes = [other("publish", one.topic) for one in several]
 
-    def woken(number):
-        until(lambda: dozing(several))
+    def publish_when_armed(number):
+        until(lambda: are_armed(several))
         processes[number].tell(number)
 
     for number in (1, 0, 2, 2, 1):
-        threading.Thread(target=woken, args=(number,)).start()
+        threading.Thread(target=publish_when_armed, args=(number,)).start()
         assert ready_any(several, 600) == [several[number]]
         assert processes[number].hear()
         assert several[number].read().position.x == number
-        assert at_rest(several)
-        assert [region_of(one).words[h.ARMED] for one in several].count(0) == 1, "the writer has cleared it"
+        assert are_idle(several)
+        assert [region_of(one).words[h.ARMED] for one in several].count(0) == 1, "the writer cleared `armed`"
         disarm(several)
 
 
-@sleeps
-def test_a_sample_or_a_post_before_the_sleep(several, writers):
+@needs_sleep
+def test_earlier_sample_or_post_ends_the_sleep_at_once(several, writers):
     event = Semaphore("/" + event_name(region_of(several[1]).name))
     region_of(several[1]).words[h.WRITER] = h.PLC
     event.post()
-    doze_all(several, LONG)  # a post too many ends one sleep early
-    assert at_rest(several)
+    sleep_on_all(several, LONG)  # a surplus post ends one sleep early
+    assert are_idle(several)
     writers[2].publish(pose(1))
-    doze_all(several, LONG)
+    sleep_on_all(several, LONG)
     several[2].read()
-    assert at_rest(several)
+    assert are_idle(several)
 
 
-@sleeps
-def test_a_plc_whose_event_is_not_there_is_looked_at_each_millisecond(several, writers, topic):
-    """And nobody is kept from sleeping on the others."""
+@needs_sleep
+def test_plc_without_an_event_is_polled_every_millisecond(several, writers, topic):
+    """Sleep until the wake-up if the writer is a process instead, because a process wakes readers without an event."""
     with LocklessSubscriber(f"{topic}/lockless") as lockless:
         region_of(lockless).words[h.WRITER] = h.PLC
-        for together in ((lockless,), (lockless, several[1]), (several[1], lockless)):
-            assert min(doze_all(together, LONG) for _ in range(5)) < 0.1
-        region_of(lockless).words[h.WRITER] = os.getpid()  # who rings
-        threading.Timer(0.05, ring, [lockless]).start()
-        assert doze_all((lockless, several[1]), LONG) >= 0.05
-    assert at_rest(several[1:])
-    # The same topic twice.
+        for group in ((lockless,), (lockless, several[1]), (several[1], lockless)):
+            assert min(sleep_on_all(group, LONG) for _ in range(5)) < 0.1
+        region_of(lockless).words[h.WRITER] = os.getpid()  # a process, which wakes readers
+        threading.Timer(0.05, wake_reader, [lockless]).start()
+        assert sleep_on_all((lockless, several[1]), LONG) >= 0.05
+    assert are_idle(several[1:])
+    # One topic may occur twice.
     writers[1].publish(pose(1))
     assert several[1].read()
-    with PoseSubscriber(several[1].topic) as again:
-        assert ready_any([again, several[1]], 0) == [again]
-        assert again.read().position.x == 1.0
-        assert ready_any([again, several[1]], 0.01) == []
-    assert at_rest(several[1:])
+    with PoseSubscriber(several[1].topic) as duplicate:
+        assert ready_any([duplicate, several[1]], 0) == [duplicate]
+        assert duplicate.read().position.x == 1.0
+        assert ready_any([duplicate, several[1]], 0.01) == []
+    assert are_idle(several[1:])
 
 
-@sleeps
-def test_more_than_the_kernel_takes_at_once(several):
+@needs_sleep
+def test_more_subscribers_than_the_kernel_allows_are_polled(several):
     readers = tuple(several) + tuple(PoseSubscriber(f"{several[0].topic}/t{number}") for number in range(127))
     try:
         assert ready_any(readers, 0) == []
         with PosePublisher(readers[-1].topic) as last:
-            threading.Thread(target=lambda: (until(lambda: dozing(readers[:60])), last.publish(pose(1)))).start()
+            threading.Thread(target=lambda: (until(lambda: are_armed(readers[:60])), last.publish(pose(1)))).start()
             assert ready_any(readers, 60) == [readers[-1]]
             assert readers[-1].read().position.x == 1.0
-            assert doze_all(readers, LONG) < 10
-        assert at_rest(readers)
+            assert sleep_on_all(readers, LONG) < 10
+        assert are_idle(readers)
     finally:
         for one in readers[COUNT:]:
             one.close()
     with pytest.raises(TypeError):
         engine.sleep_any((several[0]._end, 1), LONG)
-    assert at_rest(several)
+    assert are_idle(several)
 
 
-@sleeps
-def test_one_of_them_closed_by_another_thread(several):
-    """The event that is slept on stays mapped until nobody does; a region's map is gone at once."""
+@needs_sleep
+def test_close_by_another_thread_ends_ready_any(several):
+    """Keep the event mapped until no thread sleeps on it. The map of the region is removed at once."""
 
     def close():
-        until(lambda: dozing(several))
+        until(lambda: are_armed(several))
         several[1].close()
 
     with ThreadPoolExecutor(1) as thread:
-        closing = thread.submit(close)
+        future = thread.submit(close)
         with pytest.raises(runtime.Closed):
             ready_any(several, 600)
-        closing.result()
-    assert event_of(several[1]) == (0, 0)
+        future.result()
+    assert read_event(several[1]) == (0, 0)
     with pytest.raises(runtime.Closed):
         ready_any(several, 600)
     others = [several[0], several[2]]
     assert ready_any(others, 0.02) == []
-    assert at_rest(others)
+    assert are_idle(others)
 
 
-@sleeps
-def test_a_signal_ends_the_sleep_for_its_handler(several):
-    came = []
-    former = signal.signal(signal.SIGALRM, lambda *_: came.append(any(event_of(one)[1] for one in several)))
+@needs_sleep
+def test_signal_interrupts_the_sleep_for_its_handler(several):
+    waiters = []
+    former = signal.signal(signal.SIGALRM, lambda *_: waiters.append(any(read_event(one)[1] for one in several)))
     signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
     try:
-        doze_all(several, LONG)
+        sleep_on_all(several, LONG)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, former)
-    assert came
-    assert not any(came)
-    assert at_rest(several)
+    assert waiters
+    assert not any(waiters)
+    assert are_idle(several)
 
 
-@sleeps
-def test_one_killed_in_its_sleep_does_no_harm(several, topic, other):
-    """It is counted among those who wait for a PLC's post, which then makes a system call that wakes nobody."""
+@needs_sleep
+def test_process_killed_in_its_sleep_does_not_affect_others(several, topic, other):
+    """Count the killed process as a waiter. A PLC's post then makes a system call that wakes no process."""
     for one in several:
         region_of(one).words[h.WRITER] = h.PLC
     process = other("await", topic, COUNT).process
 
-    def stopped_asleep():
-        until(lambda: dozing(several))
+    def stop_asleep():
+        until(lambda: are_armed(several))
         process.send_signal(signal.SIGSTOP)
         os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOWAIT)
-        return [event_of(one) for one in several] == [(0, 1)] * COUNT or process.send_signal(signal.SIGCONT)
+        return [read_event(one) for one in several] == [(0, 1)] * COUNT or process.send_signal(signal.SIGCONT)
 
-    until(stopped_asleep)  # arming comes before being counted
+    until(stop_asleep)  # the process is armed before it is counted as a waiter
     process.kill()
     process.wait()
     for one in several:
@@ -254,20 +254,20 @@ def test_one_killed_in_its_sleep_does_no_harm(several, topic, other):
         for number, writer in enumerate(writers):
             writer.publish(pose(number))
         assert ready_any(several, 0) == several
-        after_a_kill(several, writers)
+        check_after_kill(several, writers)
 
 
-def after_a_kill(several, writers):
+def check_after_kill(several, writers):
     for number, one in enumerate(several):
-        assert (one.read().position.x, event_of(one), region_of(one).words[h.ARMED]) == (number, (0, 1), 0)
-    armed = threading.Thread(
+        assert (one.read().position.x, read_event(one), region_of(one).words[h.ARMED]) == (number, (0, 1), 0)
+    thread = threading.Thread(
         target=lambda: (until(lambda: region_of(several[2]).words[h.ARMED]), writers[2].publish(pose(9)))
     )
-    armed.start()
-    doze_all(several, LONG)
-    armed.join()
+    thread.start()
+    sleep_on_all(several, LONG)
+    thread.join()
     assert several[2].read().position.x == 9.0
-    assert [event_of(one) for one in several] == [(0, 1)] * COUNT
+    assert [read_event(one) for one in several] == [(0, 1)] * COUNT
 
 
 SCRIPT = """
@@ -292,11 +292,11 @@ with PoseSubscriber(topic) as first, PoseSubscriber(topic + "/second") as second
 
 @pytest.mark.skipif(machine.EMULATED, reason="qemu-user has no seccomp")
 @pytest.mark.parametrize("pure", [False, True], ids=["forbidden", "pure"])
-def test_where_it_cannot_be_it_polls_and_says_so(topic, pure):
-    here = runtime.can_wait_for_many()
-    if not (pure or here):
+def test_ready_any_polls_if_it_cannot_sleep(topic, pure):
+    can_sleep = runtime.can_wait_for_many()
+    if not (pure or can_sleep):
         pytest.skip("this process cannot wait for many")
-    command = [sys.executable, "-c", SCRIPT, topic, "38"]  # ENOSYS: as a kernel before 5.16
+    command = [sys.executable, "-c", SCRIPT, topic, "38"]  # ENOSYS, like a kernel before 5.16
     environment = {**os.environ, "SHMGEN_PURE": "1" if pure else ""}
     done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -325,8 +325,8 @@ REFUSED = {"futex_waitv": 449, "membarrier": 324, "memfd_create": 319, "fallocat
 @pytest.mark.parametrize("pure", ["", "1"], ids=["C", "Python"])
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.EPERM], ids=["ENOSYS", "EPERM"])
 @pytest.mark.parametrize("call", REFUSED)
-def test_a_refused_system_call_costs_nothing_or_is_named(call, error, pure, topic):
-    """All works as before, but for a region that cannot get its memory."""
+def test_refused_system_call_is_tolerated_or_reported(call, error, pure, topic):
+    """Wait without the refused system call. Only a region that cannot allocate its memory raises an error."""
     command = [sys.executable, "-c", REFUSED_SCRIPT, topic, str(REFUSED[call]), str(error)]
     environment = {**os.environ, "SHMGEN_PURE": pure}
     done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)

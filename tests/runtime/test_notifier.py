@@ -1,4 +1,4 @@
-"""A file descriptor for event loops, and asyncio over it."""
+"""A Notifier is a file descriptor for event loops. The asyncio methods of subscribers use it."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .messages import PosePublisher, PoseSubscriber, pose
 
 pytestmark = pytest.mark.usefixtures("each_engine")
 SOON = 30.0
-"""Seconds in which everything happens, on a machine that is busy too."""
+"""Seconds within which every event happens, also on a busy machine."""
 
 
 def is_readable(notifier, seconds=SOON):
     return bool(select.select([notifier], [], [], seconds)[0])
 
 
-def test_each_sample_is_reported_once(topic):
+def test_notifier_reports_each_sample_once(topic):
     with ExitStack() as stack:
         publisher = stack.enter_context(PosePublisher(topic))
         subscriber, quiet = (stack.enter_context(PoseSubscriber(name)) for name in (topic, f"{topic}/quiet"))
@@ -46,14 +46,14 @@ def test_each_sample_is_reported_once(topic):
     assert notifier.fileno() == -1
 
 
-def test_a_removed_region_is_reported_until_it_is_open_again(topic, each_engine):
+def test_removed_region_is_reported_until_it_is_reopened(topic, each_engine):
     file = Path("/dev/shm") / region_name(topic)
     with ExitStack() as stack:
         publisher, subscriber = (stack.enter_context(kind(topic)) for kind in (PosePublisher, PoseSubscriber))
         notifier = stack.enter_context(runtime.Notifier([subscriber]))
         for number in range(1, 3):
             file.unlink()
-            for _ in range(3 if each_engine == "C" else 0):  # nobody reads; the reference reopens it all the same
+            for _ in range(3 if each_engine == "C" else 0):  # without a read; the reference reopens the region itself
                 assert is_readable(notifier)
                 assert notifier.ready() == [subscriber]
             while publisher.reopen_count < number:
@@ -75,7 +75,7 @@ def test_a_removed_region_is_reported_until_it_is_open_again(topic, each_engine)
             subscriber.read()
 
 
-def test_a_closed_end_or_notifier_says_so(topic):
+def test_closed_subscriber_or_notifier_is_refused(topic):
     with PoseSubscriber(topic) as subscriber:
         notifier = runtime.Notifier()
     with pytest.raises(runtime.Closed):
@@ -86,7 +86,7 @@ def test_a_closed_end_or_notifier_says_so(topic):
         notifier.add(subscriber)
 
 
-def test_a_forked_child_has_none(topic):
+def test_forked_child_has_no_notifier(topic):
     with ExitStack() as stack:
         publisher, subscriber = (stack.enter_context(kind(topic)) for kind in (PosePublisher, PoseSubscriber))
         notifier = stack.enter_context(runtime.Notifier([subscriber]))
@@ -101,38 +101,38 @@ def test_a_forked_child_has_none(topic):
 # --- asyncio ----------------------------------------------------------------------------------------
 
 
-def threads():
+def count_threads():
     return len(os.listdir("/proc/self/task"))
 
 
 def test_many_coroutines_need_one_thread(topic):
-    """They left none of the threads of the default executor to others, so that a busy topic lost samples."""
+    """Use no threads of the default executor, which other coroutines may need."""
 
-    async def count(subscriber, wanted):
-        found = []
-        while len(found) < wanted:
+    async def count(subscriber, number):
+        positions = []
+        while len(positions) < number:
             assert await subscriber.ready_async(SOON)
-            found += [message.position.x for message in subscriber.read_all()]
-        return found
+            positions += [message.position.x for message in subscriber.read_all()]
+        return positions
 
     async def scene(publisher, busy, quiet):
-        before = threads()
-        waiting = [asyncio.create_task(one.wait_async(SOON)) for one in quiet]
-        counting = asyncio.create_task(count(busy, 200))
+        before = count_threads()
+        waiting = [asyncio.create_task(subscriber.wait_async(SOON)) for subscriber in quiet]
+        counter = asyncio.create_task(count(busy, 200))
         await asyncio.sleep(0)
-        assert threads() == before + 1
+        assert count_threads() == before + 1
         for number in range(200):
             publisher.publish(pose(number))
             await asyncio.sleep(0.0005)
-        assert await counting == [*range(200)]
+        assert await counter == [*range(200)]
         assert busy.missed == 0
-        for one in waiting:
-            one.cancel()
+        for task in waiting:
+            task.cancel()
         assert {type(end) for end in await asyncio.gather(*waiting, return_exceptions=True)} == {asyncio.CancelledError}
-        for one in (busy, *quiet):
-            one.close()
-        await asyncio.sleep(0.01)  # the loop ends the thread after the last
-        assert threads() <= before  # a thread of an earlier test may have ended since
+        for subscriber in (busy, *quiet):
+            subscriber.close()
+        await asyncio.sleep(0.01)  # the loop ends the thread after the last subscriber closes
+        assert count_threads() <= before  # a thread of an earlier test may have ended since
 
     with ExitStack() as stack:
         quiet = [stack.enter_context(PoseSubscriber(f"{topic}/t{number}")) for number in range(100)]
@@ -153,16 +153,16 @@ def test_close_in_another_thread_ends_async_for(topic):
     with PoseSubscriber(topic) as subscriber:
         assert asyncio.run(watch(subscriber)) == []
     with PoseSubscriber(topic) as subscriber:
-        asyncio.run(asyncio.wait_for(both(watch(subscriber), wait(subscriber)), SOON))
+        asyncio.run(asyncio.wait_for(gather_both(watch(subscriber), wait(subscriber)), SOON))
 
 
-async def both(one, other):
-    await asyncio.gather(one, other)
+async def gather_both(first, second):
+    await asyncio.gather(first, second)
 
 
 @pytest.mark.slow
-def test_a_loop_leaves_nothing(topic):
-    """Neither its thread nor the region of a subscriber that nobody has any more."""
+def test_ended_loop_keeps_no_thread_and_no_region(topic):
+    """Release the thread, and the region of a subscriber that is no longer referenced."""
 
     async def scene():
         assert await PoseSubscriber(topic).wait_async(0.01) is None
@@ -170,16 +170,16 @@ def test_a_loop_leaves_nothing(topic):
         await asyncio.sleep(0.01)
         assert not event_loop._of_loops
 
-    before = threads()
-    with PoseSubscriber(f"{topic}/kept") as kept:
+    before = count_threads()
+    with PoseSubscriber(f"{topic}/kept") as subscriber:
         for _ in range(3):
             asyncio.run(scene())
-            assert asyncio.run(kept.wait_async(0.01)) is None
+            assert asyncio.run(subscriber.wait_async(0.01)) is None
             gc.collect()
-        assert threads() <= before  # a thread of an earlier test may have ended since
+        assert count_threads() <= before  # a thread of an earlier test may have ended since
 
 
-def test_a_removed_region_ends_a_wait(topic):
+def test_removed_region_ends_a_wait_without_reopen(topic):
     async def scene(subscriber):
         asyncio.get_running_loop().call_later(0.02, (Path("/dev/shm") / region_name(topic)).unlink)
         with pytest.raises(runtime.RegionRetired):
@@ -189,7 +189,7 @@ def test_a_removed_region_ends_a_wait(topic):
         asyncio.run(scene(subscriber))
 
 
-def test_a_coroutine_goes_on_in_the_region_that_replaces_a_removed_one(topic):
+def test_coroutine_continues_in_the_replacing_region(topic):
     file = Path("/dev/shm") / region_name(topic)
 
     async def publish(publisher):

@@ -1,4 +1,4 @@
-"""Which machine keeps loads and stores in their memory_order, and what stands between them on one that does not."""
+"""On machines that reorder loads and stores, memory barriers keep their order."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ WORDS = 2**63 - 1, 2**31 - 1
 """sys.maxsize of a process of 64 and of 32 bits."""
 
 
-def chosen():
-    """The fence of a Python that starts there."""
+def load_fence():
+    """Return the fence that a newly started Python uses."""
     fresh = runpy.run_path(memory_order.__file__)
     return memory_order._locked if fresh["fence"] is fresh["_locked"] else fresh["fence"]
 
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Turns a machine's name, the bits of a process there, and what membarrier(2) answers, into the calls of it."""
+    """A function that simulates a machine and its answer to membarrier(2), and returns the list of system calls."""
 
     def pretend(name, maxsize=WORDS[0], answer=0):
         calls = []
@@ -47,11 +47,11 @@ def machine(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["x86_64", "AMD64", "i386", "i486", "i586", "i686"])
-def test_x86_keeps_its_order(machine, name):
+def test_x86_needs_no_barrier(machine, name):
     calls = machine(name, answer=-1)
     assert memory_order.keeps_order()
     assert memory_order.has_barrier()
-    assert chosen() is memory_order._locked
+    assert load_fence() is memory_order._locked
     words = memoryview(bytearray(8))
     assert memory_order.ordered(words) is words
     assert not calls
@@ -67,26 +67,26 @@ def test_x86_keeps_its_order(machine, name):
         ("armv7l", WORDS[1], 389),
     ],
 )
-def test_linux_has_a_barrier_for_others(machine, name, maxsize, number):
-    """Numbers of asm/unistd.h; 2 is MEMBARRIER_CMD_GLOBAL_EXPEDITED. Each call of the fence is one of Linux."""
+def test_other_machines_use_membarrier(machine, name, maxsize, number):
+    """Call membarrier(2), by its number in asm/unistd.h, with 2 for MEMBARRIER_CMD_GLOBAL_EXPEDITED."""
     calls = machine(name, maxsize)
     assert not memory_order.keeps_order()
     assert memory_order.has_barrier()
-    fence = chosen()
+    fence = load_fence()
     del calls[:]
     fence()
     assert calls == [[(ctypes.c_long, value) for value in (number, 2, 0, 0)]]
 
 
 @pytest.mark.parametrize(("name", "maxsize", "answer"), [("aarch64", WORDS[0], -1), ("riscv64", WORDS[1], 0)])
-def test_machines_without_any(machine, name, maxsize, answer):
+def test_machines_without_membarrier_use_a_lock(machine, name, maxsize, answer):
     machine(name, maxsize, answer)
     assert not memory_order.has_barrier()
-    assert chosen() is memory_order._locked
+    assert load_fence() is memory_order._locked
     memory_order._locked()
 
 
-def test_each_word_stands_between_two_barriers(machine, monkeypatch):
+def test_header_access_is_between_two_barriers(machine, monkeypatch):
     machine("aarch64")
     log = Mock()
     log.words.__getitem__ = lambda _, at: log.load(at) and 5
@@ -102,13 +102,13 @@ def test_each_word_stands_between_two_barriers(machine, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("pure", "flags", "abi_of_it", "taken"),
+    ("pure", "flags", "abi_offset", "is_loaded"),
     [("", "", 0, True), ("1", "", 0, False), ("", "", 1, False), ("", "t", 0, False)],
 )
-def test_an_extension_that_is_older_or_of_another_python_is_not_taken(monkeypatch, pure, flags, abi_of_it, taken):
-    """A free-threaded Python (flag t) finds one made by its neighbour by name, and would fail in the middle of it."""
-    extension = Mock(ABI=abi.ABI + abi_of_it)
+def test_older_or_foreign_extension_is_not_loaded(monkeypatch, pure, flags, abi_offset, is_loaded):
+    """Ignore it in a free-threaded Python (flag t), which finds the file of another Python by name and would fail."""
+    extension = Mock(ABI=abi.ABI + abi_offset)
     monkeypatch.setenv("SHMGEN_PURE", pure)
     monkeypatch.setattr(sys, "abiflags", flags)
     monkeypatch.setattr(shmgen, "_core", extension, raising=False)
-    assert runpy.run_path(engine.__file__)["engine"] is (extension if taken else reference)
+    assert runpy.run_path(engine.__file__)["engine"] is (extension if is_loaded else reference)

@@ -16,21 +16,21 @@ from tests.conftest import REPOSITORY
 from tests.support import machine
 
 HERE = "tests/runtime"
-WHOLE = (pytest.mark.slow, pytest.mark.timeout(1200))
+LONG_RUN = (pytest.mark.slow, pytest.mark.timeout(1200))
 ALL = [f"--ignore={HERE}/test_other_machine.py", HERE, "tests/calls/test_services.py", "tests/calls/test_actions.py"]
 
 
 @pytest.mark.parametrize(
-    ("name", "where"),
+    ("name", "tests"),
     [
         ("aarch64", [f"{HERE}/test_exchange.py"]),
-        pytest.param("aarch64", ALL, marks=WHOLE, id="aarch64-all"),
-        pytest.param("i686", ["-m", "not slow", *ALL], marks=WHOLE, id="i686-all"),
+        pytest.param("aarch64", ALL, marks=LONG_RUN, id="aarch64-all"),
+        pytest.param("i686", ["-m", "not slow", *ALL], marks=LONG_RUN, id="i686-all"),
     ],
 )
 @pytest.mark.slow
-def test_all_holds_there(name: str, where: list[str]) -> None:
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *where]
-    there = {**os.environ, machine.NAME: name, "SHMGEN_PURE": "1"}
-    done = subprocess.run(command, cwd=REPOSITORY, env=there, capture_output=True, text=True, check=False)
+def test_runtime_tests_pass_as_another_machine(name: str, tests: list[str]) -> None:
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
+    environment = {**os.environ, machine.NAME: name, "SHMGEN_PURE": "1"}
+    done = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:]

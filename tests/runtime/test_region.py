@@ -1,4 +1,4 @@
-"""The region: its name, its bytes, who makes it, who is refused."""
+"""A region has the specified name and bytes, and refuses incompatible peers and second writers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ in_python = pytest.mark.usefixtures("in_python")
         ("/" + "a" * 245, "a" * 245),
     ],
 )
-def test_region_name(topic, name):
+def test_region_name_of_a_topic(topic, name):
     assert runtime.region_name(topic) == name
 
 
@@ -57,19 +57,19 @@ def test_region_name(topic, name):
         ("/" + "a" * 246, "246 characters"),
     ],
 )
-def test_bad_topics_say_why(topic, reason):
+def test_invalid_topic_reports_the_reason(topic, reason):
     with pytest.raises(ValueError, match=reason):
         runtime.region_name(topic)
 
 
-def test_the_longest_name_leaves_room_for_its_event():
+def test_longest_name_allows_for_the_name_of_its_event():
     longest = 255 - len("sem.-event")
     assert runtime.region_name("/" + "a" * longest) == "a" * longest
     with pytest.raises(ValueError, match="246 characters; a file name leaves room for 245"):
         runtime.region_name("/" + "a" * (longest + 1))
 
 
-def test_header_bytes(topic, file):
+def test_header_and_slots_have_the_specified_bytes(topic, file):
     with PosePublisher(topic, depth=3) as publisher:
         for x in (1.0, 2.0):
             publisher.publish(pose(x))
@@ -86,12 +86,12 @@ def test_header_bytes(topic, file):
     assert data[32:128] == b"geometry_msgs/msg/Pose".ljust(96, b"\0")
     assert struct.unpack_from("<IIII", data, 128) == (3, 0, 0, 0)
     assert struct.unpack_from("<II", data, 144) == (0, memory_order.keeps_order())
-    # heartbeat of three samples and one without; nobody inside; three entered the lock
+    # four heartbeats (three with samples), no holder, and three acquisitions of the lock
     assert struct.unpack_from("<IIIII", data, 152) == (4, 0, 0, 0, 3)
-    assert data[172:192] == bytes(20)  # nobody has missed anything; the rest is reserved
+    assert data[172:192] == bytes(20)  # no missed samples; the rest is reserved
     for number in (1, 2, 3):
-        stamp, found, zero, *payload = struct.unpack_from("<QII7d", data, 192 + number * 128)
-        assert (found, zero, payload) == (number, 0, [float(number)] * 7)
+        stamp, stored_number, zero, *payload = struct.unpack_from("<QII7d", data, 192 + number * 128)
+        assert (stored_number, zero, payload) == (number, 0, [float(number)] * 7)
         assert before - 10**9 < stamp < before + 10**9
     assert data[192 : 192 + 128] == bytes(128)
 
@@ -99,19 +99,19 @@ def test_header_bytes(topic, file):
 @pytest.mark.parametrize(("depth", "slots"), [(1, 2), (2, 4), (3, 4), (4, 8), (16, 32)])
 def test_slots_are_the_power_of_two_above_depth(topic, depth, slots):
     with PoseSubscriber(topic, depth=depth):
-        found = runtime.read_header(runtime.region_name(topic))
-    assert (found.slots, found.size) == (slots, -(-(192 + 2 * slots * 128) // 4096) * 4096)
+        header = runtime.read_header(runtime.region_name(topic))
+    assert (header.slots, header.size) == (slots, -(-(192 + 2 * slots * 128) // 4096) * 4096)
 
 
 @pytest.mark.parametrize("depth", [0, -1, 65536])
-def test_impossible_depth(topic, file, depth):
+def test_invalid_depth_is_refused(topic, file, depth):
     with pytest.raises(ValueError, match="from 1 to 65535"):
         PosePublisher(topic, depth=depth)
     assert not file.exists()
 
 
 @pytest.mark.parametrize("timeout", [-1, float("nan"), 1.01])
-def test_impossible_lock_timeout(topic, timeout):
+def test_invalid_lock_timeout_is_refused(topic, timeout):
     with pytest.raises(ValueError, match="lock_timeout"):
         PoseSubscriber(topic, lock_timeout=timeout)
     PoseSubscriber(topic, lock_timeout=1).close()
@@ -125,17 +125,17 @@ def test_long_type_names_keep_their_nul():
         h.header_for(longest + "N", 1, 8, 1)
 
 
-def test_read_header(topic):
+def test_read_header_returns_the_fields(topic):
     with pytest.raises(runtime.RegionMissing, match="does not exist"):
         runtime.read_header(runtime.region_name(topic))
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
-        found = runtime.read_header(runtime.region_name(topic))
-    assert (found.type_name, found.digest, found.newest) == (Pose._type_name_, Pose._digest_, 1)
-    assert (found.turn, found.heartbeat, found.lock_count, found.writer) == (0, 1, 1, os.getpid())
+        header = runtime.read_header(runtime.region_name(topic))
+    assert (header.type_name, header.digest, header.newest) == (Pose._type_name_, Pose._digest_, 1)
+    assert (header.turn, header.heartbeat, header.lock_count, header.writer) == (0, 1, 1, os.getpid())
 
 
-def test_nobody_removes_on_exit(topic, file, semaphore_file, other):
+def test_close_does_not_remove_the_region(topic, file, semaphore_file, other):
     reader = other("read", topic)
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(7.0))
@@ -146,10 +146,10 @@ def test_nobody_removes_on_exit(topic, file, semaphore_file, other):
         assert late.read().position.x == 7.0
 
 
-def change(file, offset, data):
-    with file.open("r+b") as opened:
-        opened.seek(offset)
-        opened.write(data)
+def overwrite(file, offset, data):
+    with file.open("r+b") as stream:
+        stream.seek(offset)
+        stream.write(data)
 
 
 @pytest.mark.parametrize(
@@ -163,14 +163,14 @@ def change(file, offset, data):
     ],
 )
 @pytest.mark.parametrize("side", [PosePublisher, PoseSubscriber])
-def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, side, offset, data, word):
-    """While somebody publishes; later the region is replaced."""
+def test_mismatch_is_refused_and_changes_no_byte(topic, file, semaphore_file, side, offset, data, word):
+    """Refuse the region while a writer holds the claim. Replace it afterwards."""
     PosePublisher(topic).close()
-    change(file, offset, data)
+    overwrite(file, offset, data)
     semaphore_file.unlink()
     before = file.read_bytes()
-    with file.open("r+b") as held:
-        assert record_locks.lock_byte(held.fileno(), WRITER_LOCK)
+    with file.open("r+b") as stream:
+        assert record_locks.lock_byte(stream.fileno(), WRITER_LOCK)
         with pytest.raises(runtime.LayoutMismatch) as caught:
             side(topic)
     text = str(caught.value)
@@ -187,9 +187,9 @@ def test_mismatch_is_refused_and_leaves_every_byte(topic, file, semaphore_file, 
 
 @pytest.mark.parametrize(("offset", "data", "word"), [(4, b"\1\0", "ABI 1"), (6, b"\0\1", "")])
 @pytest.mark.parametrize("side", [PosePublisher, PoseSubscriber])
-def test_what_another_generation_has_made_is_never_replaced(topic, file, side, offset, data, word):
+def test_region_of_another_abi_is_never_replaced(topic, file, side, offset, data, word):
     PosePublisher(topic).close()
-    change(file, offset, data)
+    overwrite(file, offset, data)
     before = file.read_bytes()
     with pytest.raises(runtime.LayoutMismatch) as caught:
         side(topic)
@@ -199,64 +199,64 @@ def test_what_another_generation_has_made_is_never_replaced(topic, file, side, o
 
 
 @pytest.mark.parametrize("page", [16384, 65536])
-def test_a_region_that_a_runtime_has_rounded_up_to_larger_pages(topic, file, page):
-    """As on a Raspberry Pi 5; but not where something lies in the rest."""
+def test_region_rounded_up_to_larger_pages_is_accepted(topic, file, page):
+    """Accept larger pages, as on a Raspberry Pi 5, if the additional bytes are zero."""
     PosePublisher(topic).close()
     os.truncate(file, page)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         assert subscriber.read().position.x == 1.0
-    file.write_bytes(bytes(page))  # still being made
+    file.write_bytes(bytes(page))  # not yet complete
     PosePublisher(topic).close()
     assert file.stat().st_size == page
-    change(file, page - 1, b"1")
-    with file.open("r+b") as held:
-        assert record_locks.lock_byte(held.fileno(), WRITER_LOCK)
+    overwrite(file, page - 1, b"1")
+    with file.open("r+b") as stream:
+        assert record_locks.lock_byte(stream.fileno(), WRITER_LOCK)
         with pytest.raises(runtime.LayoutMismatch, match=f"{page:,} bytes in all"):
             PosePublisher(topic)
 
 
-def test_mismatch_of_size_and_type(topic, file):
+def test_mismatch_of_size_or_type_is_refused(topic, file):
     PosePublisher(topic).close()
     before = file.read_bytes()
-    with file.open("r+b") as held:
-        assert record_locks.lock_byte(held.fileno(), WRITER_LOCK)
+    with file.open("r+b") as stream:
+        assert record_locks.lock_byte(stream.fileno(), WRITER_LOCK)
         with pytest.raises(runtime.LayoutMismatch, match="there: geometry_msgs/msg/Pose, 56 bytes, digest"):
             ScanSubscriber(topic)
-        held.truncate(8192)
+        stream.truncate(8192)
         with pytest.raises(runtime.LayoutMismatch, match="8,192 bytes in all"):
             PosePublisher(topic)
         assert file.read_bytes() == before + bytes(4096)
-        held.truncate(100)
+        stream.truncate(100)
         with pytest.raises(runtime.LayoutMismatch, match="100 bytes in all"):
             PosePublisher(topic)
 
 
-def test_a_region_without_magic_is_completed(topic, file):
-    """A peer was killed between making the region and writing the header, or has only made it."""
+def test_region_without_magic_is_completed(topic, file):
+    """Complete the header if a peer has only created the region, or was killed before it wrote the header."""
     PosePublisher(topic).close()
-    change(file, 0, bytes(192))
-    change(file, 128, struct.pack("<II", 9, 9))
+    overwrite(file, 0, bytes(192))
+    overwrite(file, 128, struct.pack("<II", 9, 9))
     with PoseSubscriber(topic):
         data = file.read_bytes()
-    made = h.pack(h.header_for(Pose._type_name_, Pose._digest_, 56, 1))
-    assert data[:128] == made[:128]
+    expected = h.pack(h.header_for(Pose._type_name_, Pose._digest_, 56, 1))
+    assert data[:128] == expected[:128]
     assert struct.unpack_from("<II", data, 128) == (9, 9)
 
 
-def test_a_header_completed_meanwhile_is_not_written_again(topic, file):
-    """Two makers of different types at once: the second finds the magic of the first, and refuses."""
+def test_header_completed_by_another_is_not_overwritten(topic, file):
+    """Keep the header if another creator, even of another type, has already stored the magic number."""
     PosePublisher(topic).close()
     before = file.read_bytes()
-    with file.open("r+b") as opened:
+    with file.open("r+b") as stream:
         other = h.header_for("other_msgs/msg/Pose", 77, 56, 1)
-        for _ in _complete_header(opened.fileno(), mmap.mmap(opened.fileno(), 4096), other):
+        for _ in _complete_header(stream.fileno(), mmap.mmap(stream.fileno(), 4096), other):
             pass
     assert file.read_bytes() == before
 
 
 @in_python
-def test_a_barrier_stands_between_a_header_and_its_magic(topic, file, monkeypatch):
+def test_barrier_precedes_the_magic_of_a_header(topic, file, monkeypatch):
     seen = []
     monkeypatch.setattr(opening, "fence", lambda: seen.append(struct.unpack_from("<I4xQ", file.read_bytes())))
     PosePublisher(topic).close()
@@ -265,21 +265,21 @@ def test_a_barrier_stands_between_a_header_and_its_magic(topic, file, monkeypatc
 
 
 @in_python
-def test_a_header_is_looked_at_again_once_it_is_there(topic, file, monkeypatch):
-    """Two makers of different types at once: the first finds that the second has written over it, and refuses."""
+def test_header_is_checked_after_it_was_written(topic, file, monkeypatch):
+    """Refuse the region if a second creator, of another type, has overwritten the header."""
     complete = opening._complete_header
 
-    def both(*arguments):
+    def complete_and_overwrite(*arguments):
         yield from complete(*arguments)
-        change(file, 8, b"\x99")
+        overwrite(file, 8, b"\x99")
 
-    monkeypatch.setattr(opening, "_complete_header", both)
+    monkeypatch.setattr(opening, "_complete_header", complete_and_overwrite)
     with pytest.raises(runtime.LayoutMismatch):
         PosePublisher(topic)
 
 
 @in_python
-def test_an_object_whose_maker_lives_is_waited_for(topic, file, monkeypatch):
+def test_opening_waits_for_a_live_creator(topic, file, monkeypatch):
     naps = on_sleep(monkeypatch, lambda: os.truncate(file, 4096))
     file.touch(mode=0o600)
     monkeypatch.setattr(opening, "_allocate", None)
@@ -288,39 +288,39 @@ def test_an_object_whose_maker_lives_is_waited_for(topic, file, monkeypatch):
 
 
 @in_python
-def test_who_writes_a_header_is_waited_for(topic, file, monkeypatch):
+def test_opening_waits_for_the_writer_of_the_header(topic, file, monkeypatch):
     PosePublisher(topic).close()
     header = file.read_bytes()[:192]
-    change(file, 0, bytes(192))
+    overwrite(file, 0, bytes(192))
     with file.open("r+b") as other:
 
-        def written():
-            change(file, 0, header)
+        def write_header():
+            overwrite(file, 0, header)
             record_locks.unlock_byte(other.fileno(), REPAIR_LOCK)
 
         assert record_locks.lock_byte(other.fileno(), REPAIR_LOCK)
-        naps = on_sleep(monkeypatch, written)
+        naps = on_sleep(monkeypatch, write_header)
         monkeypatch.setattr(opening, "fence", None)
         PosePublisher(topic).close()
     assert naps[0] == 0.001
 
 
 def on_sleep(monkeypatch, work):
-    """Whoever sleeps finds `work` done when he wakes, however long it takes; how long each wanted to sleep."""
+    """Call `work` before each sleep, without a limit of the waiting time. Return the list of requested durations."""
     sleep, naps = time.sleep, []
 
-    def slept(seconds):
+    def work_and_sleep(seconds):
         naps.append(seconds)
         work()
         sleep(seconds)
 
-    monkeypatch.setattr(time, "sleep", slept)
+    monkeypatch.setattr(time, "sleep", work_and_sleep)
     monkeypatch.setattr(opening, "PEER_TIMEOUT", 60)
     return naps
 
 
 @in_python
-def test_without_barriers_a_region_has_a_lock(topic, file, monkeypatch):
+def test_region_without_a_lock_needs_barriers(topic, file, monkeypatch):
     class Lockless(Pose):
         _regions_ = runtime.RegionOptions(sync="sequence")
 
@@ -334,7 +334,7 @@ def test_without_barriers_a_region_has_a_lock(topic, file, monkeypatch):
     PoseSubscriber(topic).close()
 
 
-def test_an_object_without_bytes_is_waited_for_and_then_taken_over(topic, file):
+def test_empty_file_is_taken_over_after_a_wait(topic, file):
     file.touch(mode=0o600)
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
@@ -351,7 +351,7 @@ def test_second_writer_is_refused_also_in_another_process(topic, other):
     PosePublisher(topic).close()
 
 
-def test_a_refused_writer_does_not_free_the_claim(topic):
+def test_refused_writer_does_not_free_the_claim(topic):
     with PosePublisher(topic):
         for _ in range(2):
             with pytest.raises(runtime.RegionInUse):
@@ -361,7 +361,7 @@ def test_a_refused_writer_does_not_free_the_claim(topic):
             PosePublisher(topic)
 
 
-def test_a_plc_whose_heartbeat_moves_is_a_writer(topic):
+def test_plc_with_a_moving_heartbeat_keeps_its_claim(topic):
     beat = """if True:
         import itertools, sys, time
         from messages import PoseSubscriber, region_of
@@ -373,8 +373,8 @@ def test_a_plc_whose_heartbeat_moves_is_a_writer(topic):
                 if count == 3: print("ready", flush=True)
                 time.sleep(0.01)
     """
-    where = os.path.dirname(__file__)
-    with subprocess.Popen([sys.executable, "-c", beat, topic], cwd=where, stdout=subprocess.PIPE) as plc:
+    folder = os.path.dirname(__file__)
+    with subprocess.Popen([sys.executable, "-c", beat, topic], cwd=folder, stdout=subprocess.PIPE) as plc:
         try:
             assert plc.stdout.readline() == b"ready\n"
             with pytest.raises(runtime.RegionInUse, match="a PLC publishes already"):
@@ -386,7 +386,7 @@ def test_a_plc_whose_heartbeat_moves_is_a_writer(topic):
 
 
 @pytest.mark.parametrize("mode", [0o660, 0o600, 0o666])
-def test_mode_whatever_the_umask(topic, file, semaphore_file, mode):
+def test_mode_does_not_depend_on_the_umask(topic, file, semaphore_file, mode):
     umask = os.umask(0o077)
     try:
         PosePublisher(topic, **({} if mode == 0o660 else {"mode": mode})).close()
@@ -396,27 +396,27 @@ def test_mode_whatever_the_umask(topic, file, semaphore_file, mode):
     assert semaphore_file.stat().st_mode & 0o777 == mode
 
 
-def test_what_a_killed_maker_left_at_the_umask_is_put_right_if_it_is_asked_for(topic, file, semaphore_file):
-    """Killed between the making of the file and its chmod."""
+def test_explicit_mode_repairs_the_mode_of_a_killed_creator(topic, file, semaphore_file):
+    """Repair the mode only if the caller requests a mode. A creator may be killed between open() and chmod()."""
     PosePublisher(topic).close()
     files = (file, semaphore_file)
-    for left in files:
-        left.chmod(0o640)
+    for path in files:
+        path.chmod(0o640)
     PosePublisher(topic).close()
-    assert [left.stat().st_mode & 0o777 for left in files] == [0o640] * 2
+    assert [path.stat().st_mode & 0o777 for path in files] == [0o640] * 2
     PosePublisher(topic, mode=0o660).close()
-    assert [left.stat().st_mode & 0o777 for left in files] == [0o660] * 2
+    assert [path.stat().st_mode & 0o777 for path in files] == [0o660] * 2
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="makes a file of another user")
-def test_a_file_of_another_user_stays_as_it_is(topic, file):
+@pytest.mark.skipif(os.geteuid() != 0, reason="creates a file of another user")
+def test_file_of_another_user_keeps_its_mode(topic, file):
     PosePublisher(topic).close()
     os.chown(file, 65534, -1)
     PosePublisher(topic, mode=0o666).close()
     assert file.stat().st_mode & 0o777 == 0o660
 
 
-def test_a_class_says_mode_and_group_and_an_argument_wins(topic, file, semaphore_file):
+def test_arguments_override_mode_and_group_of_the_class(topic, file, semaphore_file):
     class Configured(Pose):
         _regions_ = runtime.RegionOptions(mode=0o666, group="no_such_group")
 
@@ -427,31 +427,31 @@ def test_a_class_says_mode_and_group_and_an_argument_wins(topic, file, semaphore
         ConfiguredPublisher(topic)
     assert not file.exists()
     ConfiguredPublisher(topic, group=os.getegid()).close()
-    assert [left.stat().st_mode & 0o777 for left in (file, semaphore_file)] == [0o666] * 2
+    assert [path.stat().st_mode & 0o777 for path in (file, semaphore_file)] == [0o666] * 2
     ConfiguredPublisher(topic, group=os.getegid(), mode=0o600).close()
-    assert [left.stat().st_mode & 0o777 for left in (file, semaphore_file)] == [0o600] * 2
+    assert [path.stat().st_mode & 0o777 for path in (file, semaphore_file)] == [0o600] * 2
 
 
-def test_group(topic, file, semaphore_file):
-    """One that files do not have anyway; root gives them to any, others to those they are in."""
+def test_files_get_the_requested_group(topic, file, semaphore_file):
+    """Use a group that is not the default: any group as root, otherwise another group of the user."""
     others = [54321] if os.geteuid() == 0 else [gid for gid in os.getgroups() if gid != os.getegid()]
     if not others:
         pytest.skip("this user is in one group only")
     event = semaphore_file.with_name(semaphore_file.name + "-event")
     files = (file, semaphore_file, event) if engine.IN_C else (file, semaphore_file)
-    for gid, mode in ((others[0], 0o660), (os.getegid(), 0o640)):  # made here, then found
+    for gid, mode in ((others[0], 0o660), (os.getegid(), 0o640)):  # first created, then existing
         with PosePublisher(topic, group=gid), PoseSubscriber(topic, group=gid) as subscriber:
             subscriber.wait(0)
-        assert [left.stat().st_gid for left in files] == [gid] * len(files)
-        assert [left.stat().st_mode & 0o777 for left in files] == [mode] * len(files)
-        for left in files:
-            left.chmod(0o640)  # which stays, as nobody asked for another
+        assert [path.stat().st_gid for path in files] == [gid] * len(files)
+        assert [path.stat().st_mode & 0o777 for path in files] == [mode] * len(files)
+        for path in files:
+            path.chmod(0o640)  # remains, because the caller requests no mode
     with pytest.raises(runtime.PermissionDenied, match="groupadd no_such_group"):
         PosePublisher(topic, group="no_such_group")
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become somebody else")
-def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become another user")
+def test_permission_error_names_owner_and_mode(topic, file, semaphore_file):
     PosePublisher(topic, mode=0o600).close()
     code = """if True:
         import os, sys
@@ -469,10 +469,10 @@ def test_no_permission_says_whose_it_is(topic, file, semaphore_file):
     """
     command = [sys.executable, "-c", code, topic]
     run = lambda: subprocess.run(command, cwd=os.path.dirname(__file__), capture_output=True, text=True)  # noqa: E731
-    said = run()
-    if said.stdout == "nothing can be read\n":
+    result = run()
+    if result.stdout == "nothing can be read\n":
         pytest.skip("another user may not enter the folder of this checkout")
-    assert said.stdout.count(f"{file} belongs to root:root with mode 600") == 2, said
+    assert result.stdout.count(f"{file} belongs to root:root with mode 600") == 2, result
     os.chown(file, 65534, 65534)
     assert f"{semaphore_file} belongs to root:root with mode 600" in run().stdout
 
@@ -487,14 +487,14 @@ def test_semaphore_starts_free_and_is_left_free(topic):
         semaphore.close()
 
 
-def test_many_openers_at_once_agree(topic, other):
+def test_many_processes_may_open_a_topic_at_once(topic, other):
     readers = [other("read", topic) for _ in range(3)]
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(5.0))
         assert [reader.ask("go") for reader in readers] == ["5.0"] * 3
 
 
-def test_closing_twice_and_using_closed(topic):
+def test_closed_endpoints_refuse_calls_and_close_again(topic):
     publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
     for side in (publisher, subscriber, publisher, subscriber):
         side.close()
@@ -510,43 +510,43 @@ def test_closing_twice_and_using_closed(topic):
     assert (publisher.topic, publisher.sequence, subscriber.missed, subscriber.age) == (topic, 0, 0, None)
 
 
-def test_record_locks_are_of_one_byte_each(topic):
-    def locked(region, byte):
+def test_record_locks_cover_one_byte_each(topic):
+    def is_locked(region, byte):
         return record_locks.byte_is_locked(region.file, byte)
 
     with PoseSubscriber(topic) as one, PoseSubscriber(topic) as other:
         first, second = region_of(one), region_of(other)
         assert record_locks.lock_byte(first.file, REPAIR_LOCK)
         assert not record_locks.lock_byte(second.file, REPAIR_LOCK)
-        assert (locked(second, WRITER_LOCK), locked(second, REPAIR_LOCK)) == (False, True)
+        assert (is_locked(second, WRITER_LOCK), is_locked(second, REPAIR_LOCK)) == (False, True)
         assert record_locks.lock_byte(second.file, WRITER_LOCK)
         record_locks.unlock_byte(first.file, REPAIR_LOCK)
-        assert (locked(first, WRITER_LOCK), locked(second, REPAIR_LOCK)) == (True, False)
+        assert (is_locked(first, WRITER_LOCK), is_locked(second, REPAIR_LOCK)) == (True, False)
         assert record_locks.lock_byte(second.file, REPAIR_LOCK)
         record_locks.unlock_byte(second.file, WRITER_LOCK)
-        assert (locked(first, WRITER_LOCK), locked(first, REPAIR_LOCK)) == (False, True)
+        assert (is_locked(first, WRITER_LOCK), is_locked(first, REPAIR_LOCK)) == (False, True)
 
 
-def test_a_record_lock_that_cannot_be_is_no_lock_of_another(topic, file):
+def test_impossible_record_lock_raises_an_error(topic, file):
     PosePublisher(topic).close()
-    with file.open("rb") as opened, pytest.raises(OSError, match="Bad file descriptor"):
-        record_locks.lock_byte(opened.fileno(), WRITER_LOCK)
+    with file.open("rb") as stream, pytest.raises(OSError, match="Bad file descriptor"):
+        record_locks.lock_byte(stream.fileno(), WRITER_LOCK)
 
 
-def test_an_abandoned_publisher_frees_the_claim(topic):
+def test_unreferenced_publisher_frees_the_claim(topic):
     PosePublisher(topic)
     gc.collect()
     PosePublisher(topic).close()
 
 
-def test_import_is_light():
+def test_import_loads_few_modules():
     code = "import sys, shmgen.runtime; print(*sorted(sys.modules))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     top = {name.partition(".")[0] for name in loaded}
     assert not top & {"jinja2", "click", "rosbags", "numpy", "multiprocessing", "tomli", "blark"}
-    ours = {"shmgen", "shmgen.core", "shmgen.core.abi", "shmgen.core.escape", "shmgen.core.plural", "shmgen._core"}
-    ours |= {"shmgen.core.table"}
-    others = {name for name in loaded if name.startswith("shmgen")} - ours
+    expected = {"shmgen", "shmgen.core", "shmgen.core.abi", "shmgen.core.escape", "shmgen.core.plural", "shmgen._core"}
+    expected |= {"shmgen.core.table"}
+    others = {name for name in loaded if name.startswith("shmgen")} - expected
     assert all(name.startswith("shmgen.runtime") for name in others), others
 
 
@@ -555,7 +555,7 @@ def test_layout_of_slots():
     assert (header.slot_size, header.slots, header.size) == (128, 2, 4096)
 
 
-def test_open_region_leaves_no_descriptor_behind_when_refused(topic):
+def test_refused_opening_leaves_no_descriptor_open(topic):
     PosePublisher(topic).close()
     before = len(os.listdir("/proc/self/fd"))
     for _ in range(5):
