@@ -1,9 +1,9 @@
-"""What C and C++ do with a region whose every byte may be anything.
+"""Fuzz readers in C and C++ with a region whose bytes may have any value.
 
     python -m tests.cpp.hostile [--inputs 1000000] [--seed 1]
 
-By libFuzzer where clang has it, which looks for inputs that take new ways; and by inputs of our own. Address and
-undefined-behaviour sanitizers look on.
+Our own generator creates inputs, and so does libFuzzer if clang is installed, which searches for inputs that reach new
+code. The address and undefined-behaviour sanitizers detect errors.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ CASE = Path(__file__).parents[1] / "cases" / "everything" / "msgs"
 SANITIZED = "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
 
 
-def program(folder: Path, libfuzzer: bool = False) -> Path:
-    """Compiled in `folder`."""
+def make_fuzzer(folder: Path, libfuzzer: bool = False) -> Path:
+    """Compile the fuzzer in `folder`."""
     if not (folder / "cpp").exists():
         texts = {str(path.relative_to(CASE)): path.read_text() for path in CASE.rglob("*.msg")}
         bounds = Bounds({}, {"demo_msgs": Bound(5, Span("shmgen.toml"))})
@@ -42,7 +42,7 @@ SOURCE = cpp_peer.HERE / "hostile.cpp"
 
 
 def run(command: list[object], **environment: str) -> subprocess.CompletedProcess[str]:
-    """And what it leaves in /dev/shm."""
+    """Run a command with a topic of its own, and remove its files from /dev/shm."""
     name = f"shmgen_test.t{uuid.uuid4().hex}"
     try:
         words = [str(word) for word in command]
@@ -54,17 +54,17 @@ def run(command: list[object], **environment: str) -> subprocess.CompletedProces
 
 
 def main() -> None:
-    """Exit code 1 if a sanitizer complained."""
+    """Exit with code 1 if a sanitizer reported an error."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--inputs", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="shmgen-hostile") as name:
         folder = Path(name)
-        results = [run([program(folder), given.inputs, given.seed])]
+        results = [run([make_fuzzer(folder), args.inputs, args.seed])]
         if shutil.which("clang++"):
             results.append(
-                run([program(folder, libfuzzer=True), f"-runs={given.inputs}", f"-seed={given.seed}", "-max_len=241"])
+                run([make_fuzzer(folder, libfuzzer=True), f"-runs={args.inputs}", f"-seed={args.seed}", "-max_len=241"])
             )
         else:
             print("no clang++, so no libFuzzer")

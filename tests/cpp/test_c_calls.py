@@ -1,4 +1,4 @@
-"""Services and actions in C: all that holds for C++, and what a fault planted in either does to it."""
+"""Tests of services and actions in C: all tests of C++, and tests that detect faults planted in C or C++."""
 
 # ruff: noqa: F811 (fixtures come from test_calls)
 
@@ -22,11 +22,11 @@ from ..support.plc_calls import PACKAGE
 from ..support.plc_demo import Memory
 from .test_calls import CANCELED, NOTHING, SUCCEEDED, action, serve, srv  # noqa: F401
 from .test_calls import program as cpp_program  # noqa: F401
-from .test_calls import test_cpp_calls as test_c_calls  # noqa: F401
-from .test_calls import test_cpp_sends_goals as test_c_sends_goals  # noqa: F401
-from .test_calls import test_cpp_serves_a_plc as test_c_serves_a_plc  # noqa: F401
-from .test_calls import test_cpp_serves_goals_of_python as test_c_serves_goals_of_python  # noqa: F401
-from .test_calls import test_cpp_serves_python_and_takes_no_old_call as test_c_serves_python  # noqa: F401
+from .test_calls import test_cpp_client as test_c_client  # noqa: F401
+from .test_calls import test_cpp_client_sends_goals as test_c_client_sends_goals  # noqa: F401
+from .test_calls import test_cpp_server_answers_a_plc as test_c_server_answers_a_plc  # noqa: F401
+from .test_calls import test_cpp_server_executes_goals_of_python as test_c_server_executes_goals_of_python  # noqa: F401
+from .test_calls import test_cpp_server_ignores_old_calls as test_c_server_ignores_old_calls  # noqa: F401
 
 Scene = Callable[[Peer, Any, str], None]
 SOURCES = {"c": "calls.c", "cpp": "calls.cpp"}
@@ -37,11 +37,11 @@ def program(cpp_program: Path, generated: Path) -> Path:
     return cpp_peer.compiled(generated / "calls", "calls-c", cpp_peer.HERE / SOURCES["c"])
 
 
-# --- what each end keeps to, with Python at the other ---------------------------------------------------------
+# --- rules for servers and clients, with Python as the peer ---------------------------------------------------
 
 
-def takes_no_old_call(peer: Peer, srv: Any, topic: str) -> None:
-    """One that lies there when the server comes: nobody knows whether another server has served it."""
+def check_old_call_is_ignored(peer: Peer, srv: Any, topic: str) -> None:
+    """Ignore a call older than the server: another server may have served it."""
     with srv.AskClient(topic) as client:
         client.send(srv.Ask_Request(question=99))
         assert peer.ask(f"serve {topic} 20000") == "0"
@@ -49,8 +49,8 @@ def takes_no_old_call(peer: Peer, srv: Any, topic: str) -> None:
         assert client.call(srv.Ask_Request(question=1), timeout=20).answer == 4
 
 
-def takes_no_call_before_its_claim_stands(peer: Peer, srv: Any, topic: str) -> None:
-    """Where a PLC served before, that takes more than a second, in which that PLC may still serve."""
+def check_call_before_claim_is_ignored(peer: Peer, srv: Any, topic: str) -> None:
+    """Ignore calls until the claim is certain. After a PLC server, that takes more than a second."""
     srv.AskServer(topic).close()
     Memory(topic, "-response")["writer"] = abi.PLC
     with srv.AskClient(topic) as client:
@@ -62,35 +62,35 @@ def takes_no_call_before_its_claim_stands(peer: Peer, srv: Any, topic: str) -> N
         assert client.call(srv.Ask_Request(question=1), timeout=20).answer == 4
 
 
-def takes_no_response_to_another_call(peer: Peer, srv: Any, topic: str) -> None:
+def check_response_to_other_is_ignored(peer: Peer, srv: Any, topic: str) -> None:
     assert peer.ask(f"client {topic}") == "0"
     with srv.AskServer(topic) as server:
         assert peer.ask("send 1 0") == "0"
-        late = server.wait(20)
+        first_request = server.wait(20)
         assert peer.ask("send 2 0") == "0"
-        assert server.reply(late, srv.Ask_Response(answer=4, copies=[4] * 16))
+        assert server.reply(first_request, srv.Ask_Response(answer=4, copies=[4] * 16))
         assert peer.ask("poll") == str(NOTHING)
         assert server.reply(server.wait(20), srv.Ask_Response(answer=7, copies=[7] * 16))
         assert peer.ask("poll") == "0 7"
 
 
 SCENES = {scene.__name__: scene for scene in (
-    takes_no_old_call, takes_no_call_before_its_claim_stands, takes_no_response_to_another_call)}  # fmt: skip
+    check_old_call_is_ignored, check_call_before_claim_is_ignored, check_response_to_other_is_ignored)}  # fmt: skip
 FAULTS = {
     "old calls are served": (
-        "takes_no_old_call",
+        "check_old_call_is_ignored",
         "shmgen_server.h",
         "            shmgen_subscriber_skip(&self->requests);",
         "            (void)0;",
     ),
     "stale requests are skipped once": (
-        "takes_no_call_before_its_claim_stands",
+        "check_call_before_claim_is_ignored",
         "shmgen_server.h",
         "        if (self->responses.end.base == NULL || self->responses.end.step == SHMGEN_STEP_WATCH)",
         "        if (self->responses.end.base == NULL)",
     ),
     "the number is not compared": (
-        "takes_no_response_to_another_call",
+        "check_response_to_other_is_ignored",
         "shmgen_client.h",
         "self->number == 0 || head.number != self->number",
         "self->number == 0",
@@ -100,7 +100,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 @pytest.mark.parametrize("language", SOURCES)
-def test_an_end_keeps_to_it(
+def test_servers_and_clients_follow_the_rules(
     language: str,
     scene: Scene,
     program: Path,
@@ -108,14 +108,14 @@ def test_an_end_keeps_to_it(
     srv: ModuleType,
     topic: str,
 ) -> None:
-    with opened({"c": program, "cpp": cpp_program}[language]) as peer:
+    with PeerProcess({"c": program, "cpp": cpp_program}[language]) as peer:
         scene(peer, srv, topic)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("language", SOURCES)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_found(
+def test_planted_fault_is_detected(
     fault: str,
     language: str,
     program: Path,
@@ -124,13 +124,13 @@ def test_a_fault_is_found(
     topic: str,
 ) -> None:
     scene, *edit = FAULTS[fault]
-    program = faulty(generated / "calls", fault.replace(" ", "-"), language, *edit)
-    with opened(program) as peer, pytest.raises(AssertionError):
+    program = build_faulty_program(generated / "calls", fault.replace(" ", "-"), language, *edit)
+    with PeerProcess(program) as peer, pytest.raises(AssertionError):
         SCENES[scene](peer, srv, topic)
 
 
-def faulty(folder: Path, name: str, language: str, header: str, right: str, wrong: str) -> Path:
-    """The program of that language over headers of which one has the fault."""
+def build_faulty_program(folder: Path, name: str, language: str, header: str, right: str, wrong: str) -> Path:
+    """Compile the program of a language with a fault in one of its headers."""
     copy = folder / name
     with kept.locked(folder / f"{name}.lock"):
         for root in ("c", "cpp") if not copy.exists() else ():
@@ -142,8 +142,8 @@ def faulty(folder: Path, name: str, language: str, header: str, right: str, wron
     return cpp_peer.compiled(copy, f"calls-{language}", cpp_peer.HERE / SOURCES[language])
 
 
-class opened:
-    """A peer that ends with its block, served or not."""
+class PeerProcess:
+    """A peer process that is killed at the end of the block."""
 
     def __init__(self, program: Path) -> None:
         self._program = program
@@ -158,7 +158,7 @@ class opened:
 
 
 @pytest.mark.parametrize("language", SOURCES)
-def test_feedback_can_be_had_behind_the_end(
+def test_feedback_is_available_after_the_result(
     language: str,
     program: Path,
     cpp_program: Path,
@@ -166,7 +166,7 @@ def test_feedback_can_be_had_behind_the_end(
     topic: str,
 ) -> None:
     serve("python", "Count")
-    with opened({"c": program, "cpp": cpp_program}[language]) as peer:
+    with PeerProcess({"c": program, "cpp": cpp_program}[language]) as peer:
         assert peer.ask(f"goals {topic}") == "0"
         assert peer.ask("goal 3 1 20000") == "0"
         assert peer.ask("result 20000") == f"0 {SUCCEEDED} 3"
@@ -174,14 +174,14 @@ def test_feedback_can_be_had_behind_the_end(
 
 
 @pytest.mark.parametrize("language", SOURCES)
-def test_a_goal_that_nobody_took_can_be_cancelled(
+def test_pending_goal_can_be_canceled(
     language: str,
     program: Path,
     cpp_program: Path,
     action: ModuleType,
     topic: str,
 ) -> None:
-    with opened({"c": program, "cpp": cpp_program}[language]) as peer, action.CountActionClient(topic) as client:
+    with PeerProcess({"c": program, "cpp": cpp_program}[language]) as peer, action.CountActionClient(topic) as client:
         assert peer.ask(f"act {topic} 20000") == "0"
         for _ in range(20):
             client.send_goal(action.Count_Goal(target=10**9), timeout=20)
@@ -191,10 +191,10 @@ def test_a_goal_that_nobody_took_can_be_cancelled(
 
 
 @pytest.mark.slow
-def test_what_does_not_fit_ends_the_call(tmp_path: Path, topic: str) -> None:
-    """At once, and whoever sent it; so do names that cannot be."""
+def test_oversized_request_or_response_ends_the_call(tmp_path: Path, topic: str) -> None:
+    """End the call at once, whichever side sent the wrong count. Refuse invalid names."""
     lists = "uint8[<=4] codes\n---\nuint8[<=4] codes\n"
     cpp_peer.generate(tmp_path, {"put_msgs/srv/Put.srv": lists}, package="shm_refused", targets=("c",))
-    both = cpp_peer.compiled(tmp_path, "refused", cpp_peer.HERE / "refused_calls.c")
-    done = subprocess.run([both, topic], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.stdout, done.returncode) == ("", 0)
+    program = cpp_peer.compiled(tmp_path, "refused", cpp_peer.HERE / "refused_calls.c")
+    process = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=False)
+    assert (process.stdout, process.returncode) == ("", 0)

@@ -1,4 +1,4 @@
-"""Services and actions with C++ at one end, and C++, Python or a PLC at the other: the same endings everywhere."""
+"""Services and actions with C++ at one end and C++, Python or a PLC at the other: calls end alike everywhere."""
 
 from __future__ import annotations
 
@@ -53,32 +53,32 @@ def action(compiled_calls: Calls) -> ModuleType:
 def serve(
     peer: Callable[..., Peer], compiled_calls: Calls, srv: ModuleType, action: ModuleType, topic: str
 ) -> Iterator[Callable[[str, str], Any]]:
-    """Starts what serves Ask, or Count, in a language; ends with the test."""
-    with ExitStack() as ended:
+    """A function that starts a server of Ask or Count in a language. The server stops after the test."""
+    with ExitStack() as stack:
 
-        def start(language: str, what: str) -> Any:
+        def start(language: str, name: str) -> Any:
             if language == "cpp":
                 process = peer()
-                process.tell(f"{'serve' if what == 'Ask' else 'act'} {topic} 20000")
+                process.tell(f"{'serve' if name == 'Ask' else 'act'} {topic} 20000")
                 assert process.hear() == "0"
-                ended.callback(process.kill)
+                stack.callback(process.kill)
                 return process
             if language == "plc":
-                program, key = {"Ask": ("PRG_Answer", "sService"), "Count": ("PRG_Count", "sAction")}[what]
+                program, key = {"Ask": ("PRG_Answer", "sService"), "Count": ("PRG_Count", "sAction")}[name]
                 library = compiled_calls.folder / "plc" / "plc.so"
                 command = [sys.executable, "-m", "tests.softplc.task", library, program, "--set", f'{key}="{topic}"']
-                plc = ended.enter_context(subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True))
-                ended.callback(plc.kill)
+                plc = stack.enter_context(subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True))
+                stack.callback(plc.kill)
                 assert plc.stdout
                 assert plc.stdout.readline() == "running\n"
                 return plc
-            over = threading.Event()
-            server = srv.AskServer(topic) if what == "Ask" else action.CountActionServer(topic)
+            stopping = threading.Event()
+            server = srv.AskServer(topic) if name == "Ask" else action.CountActionServer(topic)
 
             def run() -> None:
                 with server:
-                    while not over.is_set():
-                        server.serve(answer if what == "Ask" else count, timeout=0.02)
+                    while not stopping.is_set():
+                        server.serve(answer if name == "Ask" else count, timeout=0.02)
 
             def answer(request: Any) -> Any:
                 time.sleep(request.cycles / 1000)
@@ -102,15 +102,15 @@ def serve(
 
             thread = threading.Thread(target=run)
             thread.start()
-            ended.callback(thread.join)
-            ended.callback(over.set)
+            stack.callback(thread.join)
+            stack.callback(stopping.set)
             return server
 
         yield start
 
 
 @pytest.mark.parametrize("language", ["cpp", "python", "plc"])
-def test_cpp_calls(language: str, serve: Callable[[str, str], Any], peer: Callable[..., Peer], topic: str) -> None:
+def test_cpp_client(language: str, serve: Callable[[str, str], Any], peer: Callable[..., Peer], topic: str) -> None:
     client = peer()
     assert client.ask(f"client {topic}") == "0"
     assert client.ask("ask 1 0 0 30") == str(NO_SERVER)
@@ -122,13 +122,13 @@ def test_cpp_calls(language: str, serve: Callable[[str, str], Any], peer: Callab
     assert client.ask("ask 2 300 0 20") == str(TIMEOUT)
     assert client.ask("ask 3 0 0 20000") == "0 10", "its own reply, not that of the call before"
     assert client.ask("send 4 0") == "0"
-    while (said := client.ask("poll")) == str(NOTHING):
+    while (response := client.ask("poll")) == str(NOTHING):
         pass
-    assert said == "0 13"
+    assert response == "0 13"
     assert client.ask("poll") == str(NOTHING)
 
 
-def test_cpp_serves_python_and_takes_no_old_call(serve: Callable[[str, str], Any], srv: ModuleType, topic: str) -> None:
+def test_cpp_server_ignores_old_calls(serve: Callable[[str, str], Any], srv: ModuleType, topic: str) -> None:
     with srv.AskClient(topic) as client:
         client.send(srv.Ask_Request(question=99))
         process = serve("cpp", "Ask")
@@ -149,7 +149,7 @@ def test_cpp_serves_python_and_takes_no_old_call(serve: Callable[[str, str], Any
         assert client.call(srv.Ask_Request(question=4), timeout=20).answer == 13
 
 
-def test_cpp_serves_a_plc(serve: Callable[[str, str], Any], compiled_calls: Calls, topic: str) -> None:
+def test_cpp_server_answers_a_plc(serve: Callable[[str, str], Any], compiled_calls: Calls, topic: str) -> None:
     serve("cpp", "Ask")
     program = compiled_calls.plc.block("PRG_Ask")
     program.sService = topic
@@ -161,7 +161,7 @@ def test_cpp_serves_a_plc(serve: Callable[[str, str], Any], compiled_calls: Call
 
 
 @pytest.mark.parametrize("language", ["cpp", "python", "plc"])
-def test_cpp_sends_goals(
+def test_cpp_client_sends_goals(
     language: str, serve: Callable[[str, str], Any], peer: Callable[..., Peer], topic: str
 ) -> None:
     client = peer()
@@ -169,10 +169,10 @@ def test_cpp_sends_goals(
     assert client.ask("goal 5 1 30") == str(NO_SERVER)
     serve(language, "Count")
     assert client.ask("goal 50 1 20000") == "0"
-    seen = []
-    while not (said := client.ask("progress").split())[1:] or len(seen) < 3:
-        seen += said[1:]
-    assert sorted(set(seen), key=int) == seen
+    positions = []
+    while not (words := client.ask("progress").split())[1:] or len(positions) < 3:
+        positions += words[1:]
+    assert sorted(set(positions), key=int) == positions
     assert client.ask("result 20000") == f"0 {SUCCEEDED} 50"
     assert client.ask("goal 1000000000 1 20000") == "0"
     assert client.ask("result 20") == str(TIMEOUT)
@@ -182,7 +182,7 @@ def test_cpp_sends_goals(
     assert client.ask("result 20000").split()[:2] == ["0", str(REJECTED)]
 
 
-def test_cpp_serves_goals_of_python(serve: Callable[[str, str], Any], action: ModuleType, topic: str) -> None:
+def test_cpp_server_executes_goals_of_python(serve: Callable[[str, str], Any], action: ModuleType, topic: str) -> None:
     serve("cpp", "Count")
     with action.CountActionClient(topic) as client:
         client.send_goal(action.Count_Goal(target=20), timeout=20)
@@ -198,21 +198,21 @@ def test_cpp_serves_goals_of_python(serve: Callable[[str, str], Any], action: Mo
 
 
 @pytest.mark.slow
-def test_where_the_lock_is_needed_a_dead_holder_ends_no_server(program: Path, generated: Path, topic: str) -> None:
-    """Of either region: the call lasts until it is healed, and a time limit is a time limit."""
+def test_lock_of_a_dead_holder_is_recovered_during_a_call(program: Path, generated: Path, topic: str) -> None:
+    """Recover the lock of either region on machines that need it, but never exceed the timeout of a call."""
     options = ["-DSHMGEN_KEEPS_ORDER=0"]
-    needing = cpp_peer.compiled(generated / "calls", "needing", cpp_peer.HERE / "calls.cpp", options=options)
-    server, client = Peer(needing), Peer(needing)
+    executable = cpp_peer.compiled(generated / "calls", "needing", cpp_peer.HERE / "calls.cpp", options=options)
+    server, client = Peer(executable), Peer(executable)
     try:
         assert (server.does(f"serve {topic} 20000"), client.does(f"client {topic}")) == (0, 0)
         assert client.ask("ask 1 0 0 10000") == "0 4"
         for half, question in (("-request", 2), ("-response", 3)):
-            leave_locked(topic + half, dead=True)
+            leave_lock_held(topic + half, dead=True)
             assert client.ask(f"ask {question} 0 0 10000") == f"0 {3 * question + 1}"
-        leave_locked(topic + "-request", dead=False)
-        begun = time.monotonic()
+        leave_lock_held(topic + "-request", dead=False)
+        started_at = time.monotonic()
         assert client.ask("ask 4 0 0 100").split()[0] == str(LOCK_TIMEOUT)
-        assert 0.1 <= time.monotonic() - begun < 10
+        assert 0.1 <= time.monotonic() - started_at < 10
         assert client.ask("ask 5 0 0 10000") == "0 16"
     finally:
         server.kill()
@@ -220,8 +220,8 @@ def test_where_the_lock_is_needed_a_dead_holder_ends_no_server(program: Path, ge
         client.close()
 
 
-def leave_locked(topic: str, *, dead: bool) -> None:
-    """As a process killed inside leaves it, or one that is still there."""
+def leave_lock_held(topic: str, *, dead: bool) -> None:
+    """Leave the lock held by a dead process or by this process."""
     semaphore(topic).acquire()
     memory = Memory(topic)
     memory["lock_count"] += 1
@@ -229,10 +229,10 @@ def leave_locked(topic: str, *, dead: bool) -> None:
 
 
 @pytest.mark.parametrize("language", ["cpp", "python", "plc"])
-def test_calls_go_on_after_rm(
+def test_calls_continue_after_the_regions_were_removed(
     language: str, serve: Callable[[str, str], Any], peer: Callable[..., Peer], topic: str
 ) -> None:
-    """The client in C++ and its server reopen both regions, and the next call is answered within a second."""
+    """Reopen both regions in the client and in its server, and answer the next call within a second."""
     files = [Path(f"/dev/shm/{region_name(topic)}-{half}") for half in ("request", "response")]
     client = peer()
     assert client.ask(f"client {topic}") == "0"
@@ -244,9 +244,9 @@ def test_calls_go_on_after_rm(
             file.unlink()
         deadline = time.monotonic() + 1.5 * slower
         while time.monotonic() < deadline:
-            reopened = all(file.exists() for file in files)
-            answered = client.ask("ask 7 0 0 300") == "0 22"
-            if reopened and answered:
+            is_reopened = all(file.exists() for file in files)
+            is_answered = client.ask("ask 7 0 0 300") == "0 22"
+            if is_reopened and is_answered:
                 break
-        assert reopened
-        assert answered
+        assert is_reopened
+        assert is_answered

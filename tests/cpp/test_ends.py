@@ -1,4 +1,4 @@
-"""What C and C++ promise users: calls in a wrong order, forks, waits, values that do not fit, samples in place."""
+"""Tests of the C and C++ API: calls in a wrong order, forks, waits, values that do not fit, samples in place."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ def alone(generated: Path) -> Path:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_in_c(case: str, alone: Path, topic: str) -> None:
-    done = subprocess.run([alone, case, topic], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.stdout, done.returncode) == ("", 0)
+def test_c_api_passes_case(case: str, alone: Path, topic: str) -> None:
+    process = subprocess.run([alone, case, topic], capture_output=True, text=True, timeout=60, check=False)
+    assert (process.stdout, process.returncode) == ("", 0)
 
 
 # --- C++ --------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="session")
-def of_all(generated: Path) -> Path:
-    """C++ of a message that has a field of each kind."""
+def all_kinds(generated: Path) -> Path:
+    """Generated C++ of a message that has a field of each kind."""
     folder = generated / "ends"
     with kept.locked(folder / "lock"):
         if not (folder / "cpp").exists():
@@ -57,15 +57,15 @@ def of_all(generated: Path) -> Path:
 
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.family("[g++]")
-def test_in_cpp(compiler: str, of_all: Path, topic: str) -> None:
-    """With sanitizers: a copy whose ends overlap is one thing that they see and a test without them may not."""
+def test_cpp_api_passes_under_sanitizers(compiler: str, all_kinds: Path, topic: str) -> None:
+    """Run with sanitizers, because they detect overlapping copies that a plain run may not show."""
     options = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0"]
-    program = cpp_peer.compiled(of_all, f"api-{compiler}", HERE / "api.cpp", options=options, compiler=compiler)
-    done = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.stdout, done.stderr, done.returncode) == ("", "", 0)
+    program = cpp_peer.compiled(all_kinds, f"api-{compiler}", HERE / "api.cpp", options=options, compiler=compiler)
+    process = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=False)
+    assert (process.stdout, process.stderr, process.returncode) == ("", "", 0)
 
 
-REFUSED = {
+COMPILER_ERRORS = {
     "bool ok = publisher.publish(message); (void)ok;": "cannot convert|no viable conversion",
     "int code = publisher.publish(message); (void)code;": "cannot convert|no viable conversion",
     "publisher.publish(message);": "nodiscard",
@@ -84,24 +84,24 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize("line", REFUSED)
+@pytest.mark.parametrize("line", COMPILER_ERRORS)
 @pytest.mark.family("publisher.loan();-g++")
-def test_what_a_compiler_refuses(line: str, compiler: str, of_all: Path) -> None:
-    errors = errors_of(line, compiler, of_all)
-    assert re.search(REFUSED[line], errors), errors
+def test_wrong_use_does_not_compile(line: str, compiler: str, all_kinds: Path) -> None:
+    errors = errors_of(line, compiler, all_kinds)
+    assert re.search(COMPILER_ERRORS[line], errors), errors
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_a_class_is_the_same_without_exceptions(compiler: str, of_all: Path) -> None:
-    """Files of one program may differ in `-fno-exceptions`, so all of them must declare the same members."""
+def test_class_has_the_same_members_without_exceptions(compiler: str, all_kinds: Path) -> None:
+    """Require the same members, because files of one program may differ in `-fno-exceptions`."""
     for end in ("AllPublisher", "AllSubscriber"):
-        declared = f"static_assert(std::is_constructible_v<{end}, std::string_view>);"
-        assert errors_of(declared, compiler, of_all, "-fno-exceptions") == ""
-        assert "call open()" in errors_of(f'{end} end("/a");', compiler, of_all, "-fno-exceptions")
+        assertion = f"static_assert(std::is_constructible_v<{end}, std::string_view>);"
+        assert errors_of(assertion, compiler, all_kinds, "-fno-exceptions") == ""
+        assert "call open()" in errors_of(f'{end} end("/a");', compiler, all_kinds, "-fno-exceptions")
 
 
-def errors_of(line: str, compiler: str, of_all: Path, *options: str) -> str:
+def errors_of(line: str, compiler: str, all_kinds: Path, *options: str) -> str:
     """Return the compiler's errors about one line in a function with a publisher, a subscriber and a message."""
     source = f"""
         #include "shm_ends/ends_msgs/msg/all.hpp"
@@ -113,7 +113,7 @@ def errors_of(line: str, compiler: str, of_all: Path, *options: str) -> str:
             {line}
         }}"""
     strict = ["-xc++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *options]
-    command = [compiler, *strict, f"-I{of_all}/cpp", "-fsyntax-only", "-"]
+    command = [compiler, *strict, f"-I{all_kinds}/cpp", "-fsyntax-only", "-"]
     return subprocess.run(command, input=source, capture_output=True, text=True, timeout=60, check=False).stderr
 
 
@@ -121,16 +121,16 @@ def errors_of(line: str, compiler: str, of_all: Path, *options: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="only root makes a group of its own")
-def test_a_group_may_have_many_members(language: str, program: Path, topic: str, tmp_path: Path) -> None:
-    """600 of them take more room than getgrnam_r is usually given."""
+@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="only root can mount over /etc/group")
+def test_group_with_600_members_is_accepted(language: str, program: Path, topic: str, tmp_path: Path) -> None:
+    """Read a group whose members exceed the usual buffer of getgrnam_r."""
     members = ",".join(f"member_of_the_cell_{number}" for number in range(600))
     (tmp_path / "group").write_text(f"root:x:0:\ncell:x:4711:{members}\n")
     bind = f'mount --bind {tmp_path}/group /etc/group && exec "$@"'
-    own = ["unshare", "-m", "sh", "-c", bind, "sh"]
-    if subprocess.run([*own, "true"], capture_output=True, timeout=20, check=False).returncode:
+    with_own_group = ["unshare", "-m", "sh", "-c", bind, "sh"]
+    if subprocess.run([*with_own_group, "true"], capture_output=True, timeout=20, check=False).returncode:
         pytest.skip("no mount namespaces")
-    peer = cpp_peer.Peer(program, language, own)
+    peer = cpp_peer.Peer(program, language, with_own_group)
     try:
         assert peer.opens("w", "pub", topic, "group=cell") == 0
         assert (Path("/dev/shm") / region_name(topic)).stat().st_gid == 4711

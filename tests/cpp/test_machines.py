@@ -1,4 +1,4 @@
-"""C on other machines, under qemu; and what the sanitizers say of threads."""
+"""Tests of C on other CPUs, which qemu emulates, and of C++ threads with the thread sanitizer."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ MACHINES = {
 LOCK_TIMEOUT, BITNESS = 33, 34
 
 
-def program(generated: Path, machine: str) -> list[str]:
-    """A command that runs it."""
+def get_command(generated: Path, machine: str) -> list[str]:
+    """Return a command that runs the test program on a machine."""
     compiler, emulator = MACHINES[machine]
     if not (shutil.which(compiler) and shutil.which(emulator)):
         pytest.skip(f"{compiler} or {emulator} is not installed")
@@ -33,33 +33,33 @@ def program(generated: Path, machine: str) -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("machine", MACHINES)
-def test_it_writes_and_reads(machine: str, generated: Path, topic: str) -> None:
-    """Goes on without the lock where the machine keeps the order of loads and stores, elsewhere when it is healed."""
-    done = subprocess.run([*program(generated, machine), "self", topic], capture_output=True, text=True, check=False)
-    wanted = 0 if machine == "i386" else LOCK_TIMEOUT
-    said = f"100 samples; with the lock held: {wanted}, by a dead process: 0 102\n"
-    assert done.stdout == said, done.stdout + done.stderr
+def test_c_program_publishes_while_the_lock_is_held(machine: str, generated: Path, topic: str) -> None:
+    """Publish without the lock on i386, which keeps the order of loads and stores. Other machines need the lock."""
+    run = subprocess.run([*get_command(generated, machine), "self", topic], capture_output=True, text=True, check=False)
+    status = 0 if machine == "i386" else LOCK_TIMEOUT
+    expected = f"100 samples; with the lock held: {status}, by a dead process: 0 102\n"
+    assert run.stdout == expected, run.stdout + run.stderr
 
 
 @pytest.mark.slow
-def test_aarch64_with_python(generated: Path, demo: Demo, topic: str) -> None:
-    """One lock and one event: sem_t has one shape on both."""
-    command = [*program(generated, "aarch64"), "echo", topic, "50"]
-    echoed(command, demo.python.DemoPublisher, demo.python.DemoSubscriber, demo, topic)
+def test_aarch64_exchanges_samples_with_python(generated: Path, demo: Demo, topic: str) -> None:
+    """Share a lock and an event: sem_t has the same layout on both machines."""
+    command = [*get_command(generated, "aarch64"), "echo", topic, "50"]
+    exchange_samples(command, demo.python.DemoPublisher, demo.python.DemoSubscriber, demo, topic)
 
 
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.family("i386")
-def test_with_python_without_a_lock(
+def test_machines_exchange_samples_with_python_without_a_lock(
     machine: str, generated: Path, demo: Demo, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where loads and stores pass each other both sides have barriers, so it is refused nowhere."""
+    """Accept sequence regions on every machine: where a CPU reorders loads and stores, both sides use barriers."""
     monkeypatch.setattr(demo.python.Demo, "_regions_", RegionOptions(sync="sequence"))
-    command = [*program(generated, machine), "sequence", topic, "50"]
-    echoed(command, demo.python.DemoPublisher, demo.python.DemoSubscriber, demo, topic)
+    command = [*get_command(generated, machine), "sequence", topic, "50"]
+    exchange_samples(command, demo.python.DemoPublisher, demo.python.DemoSubscriber, demo, topic)
 
 
-def echoed(command: list[str], publisher_of: type, subscriber_of: type, demo: Demo, topic: str) -> None:
+def exchange_samples(command: list[str], publisher_of: type, subscriber_of: type, demo: Demo, topic: str) -> None:
     with publisher_of(f"{topic}/in") as publisher, subscriber_of(topic) as subscriber:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert process.stdout
@@ -67,18 +67,18 @@ def echoed(command: list[str], publisher_of: type, subscriber_of: type, demo: De
             assert stdout.readline() == "ready\n"
             for a in range(50):
                 publisher.publish(demo.message(a))
-                found = subscriber.wait(20)
-                assert (found.a, found.b, list(found.tail)) == (a + 1, 2 * a, [a, -a])
+                sample = subscriber.wait(20)
+                assert (sample.a, sample.b, list(sample.tail)) == (a + 1, 2 * a, [a, -a])
             assert stdout.readline() == "0 missed\n"
         assert process.wait(10) == 0
 
 
-def test_a_lock_of_other_bitness_is_told_at_the_opening(generated: Path, demo: Demo, topic: str) -> None:
-    """Whoever comes second is told; neither could use what the other has made."""
-    command = [*program(generated, "i386"), "self", topic]
+def test_lock_of_another_bitness_is_refused_at_opening(generated: Path, demo: Demo, topic: str) -> None:
+    """Refuse the second program: programs of 32 and 64 bits cannot share a lock."""
+    command = [*get_command(generated, "i386"), "self", topic]
     demo.python.DemoPublisher(topic, depth=4).close()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stdout.startswith(f"publisher: {BITNESS} the semaphore is of a program of other bitness"), done.stdout
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.stdout.startswith(f"publisher: {BITNESS} the semaphore is of a program of other bitness"), run.stdout
     for file in Path("/dev/shm").glob(f"*{region_name(topic)}*"):
         file.unlink()
     assert subprocess.run(command, capture_output=True, check=False).returncode == 0
@@ -87,18 +87,18 @@ def test_a_lock_of_other_bitness_is_told_at_the_opening(generated: Path, demo: D
 
 
 @pytest.mark.slow
-def test_threads(generated: Path) -> None:
-    options = ["-fsanitize=thread", "-Wno-tsan"]  # which knows no fences: with the lock none is needed
+def test_threads_share_a_region_without_data_races(generated: Path) -> None:
+    options = ["-fsanitize=thread", "-Wno-tsan"]  # the sanitizer supports no fences; with the lock, none is needed
     threads = cpp_peer.compiled(generated, "threads", cpp_peer.HERE / "threads.cpp", options=options)
 
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         environment = {**os.environ, "TSAN_OPTIONS": "halt_on_error=1 exitcode=66"}
         try:
-            return subprocess.run([threads, *words], env=environment, capture_output=True, text=True, check=False)
+            return subprocess.run([threads, *arguments], env=environment, capture_output=True, text=True, check=False)
         finally:
             for file in Path("/dev/shm").glob("*shmgen_test.threads*"):
                 file.unlink()
 
-    done = run()
-    assert (done.returncode, done.stdout) == (0, "0 wrong; read and missed: 100000\n"), done.stderr[:3000]
-    assert run("unlocked").returncode == 66, "it would find a race"
+    process = run()
+    assert (process.returncode, process.stdout) == (0, "0 wrong; read and missed: 100000\n"), process.stderr[:3000]
+    assert run("unlocked").returncode == 66, "no race reported without the lock"

@@ -1,4 +1,4 @@
-"""After opening no memory is taken, nothing is printed, and there are no global variables: by symbols and a count."""
+"""After opening, C and C++ endpoints allocate no memory and print nothing, and they have no global variables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = [
     pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm") is None, reason="no g++ and binutils"),
 ]
 
-ASKED = {
+ALLOWED_CALLS = {
     "copying": "memcpy memset memcmp memchr strlen strcmp strchr strncmp strcasecmp strcpy strncpy strcat",
     "compiling": "__stack_chk_fail _GLOBAL_OFFSET_TABLE_",
     "regions": "shm_open shm_unlink mmap munmap ftruncate posix_fallocate fstat fcntl pread pwrite close",
@@ -25,7 +25,7 @@ ASKED = {
     "times": "clock_gettime nanosleep sched_yield",
     "processes": "getpid kill __errno_location syscall",
 }
-"""All that the C headers call of anybody else's: nothing of it takes memory that stays, or prints."""
+"""All external functions that the C headers call: none of them prints, or allocates memory that stays allocated."""
 
 CYCLE = """
 #include "shm_plc_demo/demo_msgs/msg/demo.hpp"
@@ -77,12 +77,12 @@ int main(int, char **words)
 """
 
 
-def test_c_calls_nothing_that_takes_memory_or_prints(generated: Path, tmp_path: Path) -> None:
-    # shmgen_block.h allocates the ends of a PLC's function block at the first call, shmgen_notifier.h its thread.
-    apart = ("shmgen_block", "shmgen_notifier")
-    headers = sorted(path for path in (generated / "c").rglob("*.h") if not path.name.startswith(apart))
+def test_c_headers_call_no_function_that_allocates_or_prints(generated: Path, tmp_path: Path) -> None:
+    # shmgen_block.h allocates a function block's endpoints at the first call. shmgen_notifier.h starts a thread.
+    excluded = ("shmgen_block", "shmgen_notifier")
+    headers = sorted(path for path in (generated / "c").rglob("*.h") if not path.name.startswith(excluded))
     source = "".join(f'#include "{path}"\n' for path in headers)
-    made = tmp_path / "all.o"
+    object_file = tmp_path / "all.o"
     command = [
         "gcc",
         "-xc",
@@ -92,21 +92,21 @@ def test_c_calls_nothing_that_takes_memory_or_prints(generated: Path, tmp_path: 
         f"-I{generated / 'c'}",
         "-c",
         "-o",
-        made,
+        object_file,
         "-",
     ]
     subprocess.run(command, input=source, text=True, check=True)
-    lines = subprocess.run(["nm", made], capture_output=True, text=True, check=True).stdout.splitlines()
+    lines = subprocess.run(["nm", object_file], capture_output=True, text=True, check=True).stdout.splitlines()
     symbols = [(words[-2], words[-1]) for words in map(str.split, lines)]
     assert ("t", "shmgen_publisher_complete") in symbols
-    asked = {re.sub(r"^__(\w+)_chk$", r"\1", name) for kind, name in symbols if kind == "U"}  # Ubuntu's gcc fortifies
-    assert asked <= {name for names in ASKED.values() for name in names.split()}
+    called = {re.sub(r"^__(\w+)_chk$", r"\1", name) for kind, name in symbols if kind == "U"}  # Ubuntu's gcc fortifies
+    assert called <= {name for names in ALLOWED_CALLS.values() for name in names.split()}
     assert not [name for kind, name in symbols if kind in "BbDdCGgSs"]
 
 
-def test_a_cycle_in_cpp_takes_no_memory(generated: Path, tmp_path: Path, topic: str) -> None:
+def test_cpp_calls_allocate_no_memory_after_opening(generated: Path, tmp_path: Path, topic: str) -> None:
     source = tmp_path / "cycle.cpp"
     source.write_text(CYCLE)
     program = cpp_peer.compiled(generated, "cycle", source)
-    done = subprocess.run([program, topic], capture_output=True, text=True, check=True)
-    assert done.stdout.split()[1:] == ["0", "0", "0"]
+    process = subprocess.run([program, topic], capture_output=True, text=True, check=True)
+    assert process.stdout.split()[1:] == ["0", "0", "0"]

@@ -1,4 +1,4 @@
-"""The order in which the shipped ends in C touch the words that others look at: what no other test minds on x86-64."""
+"""The order in which C endpoints access shared fields: other tests cannot detect a wrong order on x86-64."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ sleep: writer bell armed= |SEQ_CST completed0 completed1
 take over: lock_holder lock_count lock_count= lock_holder= recoveries recoveries=
 take over what has changed: lock_holder -> the lock was not free in time
 """
-"""docs/protocol.md says why: who enters counts before it signs; the number is cleared, then the bytes, then the number,
-then `completed`; the reader looks again behind its copy, and nothing passes the fence between."""
+"""docs/protocol.md gives the reasons. A lock holder counts before it writes its id. A writer clears the slot's number,
+copies, then sets the number and `completed`. A reader checks the number again, after a fence behind its copy."""
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.uname().machine != "x86_64", reason="elsewhere a read takes the lock")
-def test_words_are_touched_in_this_order(generated: Path, topic: str) -> None:
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="on other CPUs, a read takes the lock")
+def test_c_endpoints_access_fields_in_the_documented_order(generated: Path, topic: str) -> None:
     program = cpp_peer.compiled(generated, "order", HERE / "order.c")
-    done = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout == ORDER.lstrip()
+    process = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=True)
+    assert process.stdout == ORDER.lstrip()
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.uname().machine != "x86_64", reason="elsewhere a read takes the lock")
-def test_a_reader_that_is_slower_than_the_writer_still_gets_samples(generated: Path, topic: str) -> None:
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="on other CPUs, a read takes the lock")
+def test_reader_slower_than_its_writer_still_gets_samples(generated: Path, topic: str) -> None:
     program = cpp_peer.compiled(generated, "slow_reader", HERE / "slow_reader.c")
-    done = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout) == (0, "done\n")
+    process = subprocess.run([program, topic], capture_output=True, text=True, timeout=60, check=False)
+    assert (process.returncode, process.stdout) == (0, "done\n")

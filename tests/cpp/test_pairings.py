@@ -1,4 +1,4 @@
-"""C, C++, Python and Structured Text on one topic, in every pairing that has C or C++ in it."""
+"""C, C++, Python and Structured Text exchange samples on one topic, in every pairing that contains C or C++."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class Reader(Protocol):
     def missed(self) -> int: ...
 
 
-class InC:
-    """Both ends, in C or C++."""
+class PeerEnd:
+    """A publisher or subscriber in C or C++."""
 
     def __init__(self, peer: Peer, role: str) -> None:
         self.peer, self.role = peer, role
@@ -49,8 +49,8 @@ class InC:
         assert self.peer.does(f"publish x {a}") == 0
 
     def newest(self) -> Sample | None:
-        found = self.peer.reads("read x")
-        return found and (int(found[0]), int(found[1]), found[2], list(map(int, found[3:])))
+        values = self.peer.reads("read x")
+        return values and (int(values[0]), int(values[1]), values[2], list(map(int, values[3:])))
 
     def all(self) -> list[int]:
         return list(map(int, self.peer.ask("all x").split()[1:]))
@@ -60,17 +60,17 @@ class InC:
         return int(self.peer.ask("figures x").split()[1])
 
     def cycle(self, a: int) -> Sample | None:
-        """A cycle of the plain loop on this side; in C it calls the step function."""
+        """Run one cycle of a control loop. In C, call the step function first."""
         if self.peer.language == "c" and self.peer.does("step x") != 0:
             return None
         if self.role == "sub":
-            found = self.peer.ask("read x").split()
-            return (int(found[1]), int(found[2]), found[3], list(map(int, found[4:]))) if found[0] == "0" else None
+            values = self.peer.ask("read x").split()
+            return (int(values[1]), int(values[2]), values[3], list(map(int, values[4:]))) if values[0] == "0" else None
         self.peer.does(f"publish x {a}")
         return None
 
 
-class InPython:
+class PythonEnd:
     def __init__(self, demo: Demo, role: str, stack: ExitStack) -> None:
         self.demo, self.stack = demo, stack
         self.kind = demo.python.DemoPublisher if role == "pub" else demo.python.DemoSubscriber
@@ -82,8 +82,8 @@ class InPython:
         self.end.publish(self.demo.message(a))
 
     def newest(self) -> Sample | None:
-        found = self.end.read()
-        return found and (found.a, found.b, found.label, list(found.tail))
+        sample = self.end.read()
+        return sample and (sample.a, sample.b, sample.label, list(sample.tail))
 
     def cycle(self, a: int) -> Sample | None:
         if hasattr(self.end, "read"):
@@ -92,14 +92,14 @@ class InPython:
         return None
 
     def all(self) -> list[int]:
-        return [found.a for found in self.end.read_all()]
+        return [sample.a for sample in self.end.read_all()]
 
     @property
     def missed(self) -> int:
         return int(self.end.missed)
 
 
-class InPlc:
+class PlcEnd:
     def __init__(self, demo: Demo, clock: Clock, role: str) -> None:
         self.demo, self.clock, self.role = demo, clock, role
 
@@ -108,7 +108,7 @@ class InPlc:
             self.block: Any = self.demo.publisher(topic, udiDepth=depth)
             for ms in (0, CONFIRM):
                 self.clock.add(ms)
-                for _ in range(3):  # a region, the one behind it, and the claim
+                for _ in range(3):  # open the region, reopen it if it was replaced, and claim it
                     self.block(xSend=False)
         else:
             self.block = self.demo.subscriber(topic, udiDepth=depth)
@@ -137,10 +137,10 @@ class InPlc:
         return None
 
     def all(self) -> list[int]:
-        found = []
+        values = []
         while self.block(xNewest=False).xNewData:
-            found.append(self.block.Msg.a)
-        return found
+            values.append(self.block.Msg.a)
+        return values
 
     @property
     def missed(self) -> int:
@@ -153,18 +153,18 @@ PAIRS = [pair for pair in itertools.product(LANGUAGES, LANGUAGES) if {"c", "cpp"
 
 @pytest.mark.parametrize("first", ["pub", "sub"])
 @pytest.mark.parametrize(("writer", "reader"), PAIRS)
-def test_samples_arrive(
+def test_samples_arrive_in_every_pairing(
     writer: str, reader: str, first: str, peer: Start, demo: Demo, clock: Clock, topic: str
 ) -> None:
-    """Whoever opens first; one by one, in bursts that a depth of 4 holds and in longer ones, and as numbers wrap."""
+    """Read single samples and bursts, within and beyond the depth of 4. Either end opens first."""
     with ExitStack() as stack:
 
-        def made(language: str, role: str) -> Any:
+        def create_end(language: str, role: str) -> Any:
             if language == "python":
-                return InPython(demo, role, stack)
-            return InPlc(demo, clock, role) if language == "plc" else InC(peer(language), role)
+                return PythonEnd(demo, role, stack)
+            return PlcEnd(demo, clock, role) if language == "plc" else PeerEnd(peer(language), role)
 
-        write, read = made(writer, "pub"), made(reader, "sub")
+        write, read = create_end(writer, "pub"), create_end(reader, "sub")
         for end in (write, read) if first == "pub" else (read, write):
             end.open(topic, 4)
         assert read.newest() is None
@@ -177,10 +177,10 @@ def test_samples_arrive(
         assert (read.all(), read.missed) == ([3, 4, 5, 6], 0)
         for a in range(7, 27):
             write.write(a)
-        found = read.all()
-        assert found == list(range(27 - len(found), 27))
-        assert len(found) >= 4
-        assert len(found) + read.missed == 20
+        values = read.all()
+        assert values == list(range(27 - len(values), 27))
+        assert len(values) >= 4
+        assert len(values) + read.missed == 20
         for a in (27, 28):
             write.write(a)
         missed = read.missed
@@ -189,51 +189,51 @@ def test_samples_arrive(
 
 
 @pytest.mark.parametrize(("writer", "reader"), [*itertools.product(LANGUAGES, LANGUAGES)])
-def test_data_flows_again_after_rm(writer: str, reader: str, peer: Start, demo: Demo, clock: Clock, topic: str) -> None:
-    """Plain loops of 100 Hz, within a second. Two ends in a PLC go on in the removed region, which neither notices."""
+def test_samples_resume_after_rm(writer: str, reader: str, peer: Start, demo: Demo, clock: Clock, topic: str) -> None:
+    """Reopen the region within a second in loops of 100 Hz. Two PLC endpoints keep using the removed region."""
     region = Path("/dev/shm") / region_name(topic)
     with ExitStack() as stack:
 
-        def made(language: str, role: str) -> Any:
+        def create_end(language: str, role: str) -> Any:
             if language == "python":
-                return InPython(demo, role, stack)
-            return InPlc(demo, clock, role) if language == "plc" else InC(peer(language), role)
+                return PythonEnd(demo, role, stack)
+            return PlcEnd(demo, clock, role) if language == "plc" else PeerEnd(peer(language), role)
 
-        write, read = made(writer, "pub"), made(reader, "sub")
+        write, read = create_end(writer, "pub"), create_end(reader, "sub")
         for end in (write, read):
             end.open(topic, 4)
         for removal in range(2):
             before = region.stat().st_ino
             region.unlink()
-            deadline, found, a = time.monotonic() + slower, None, 1000 * removal
+            deadline, sample, a = time.monotonic() + slower, None, 1000 * removal
             while time.monotonic() < deadline:
-                known = region.exists() and region.stat().st_ino != before
+                is_recreated = region.exists() and region.stat().st_ino != before
                 a += 1
                 write.cycle(a)
-                found = read.cycle(a)
-                if found and (known or {writer, reader} == {"plc"}):
+                sample = read.cycle(a)
+                if sample and (is_recreated or {writer, reader} == {"plc"}):
                     break
                 time.sleep(0.01)
-            assert found == (a, 2 * a, f"x{a % 1000}", [a, -a])
+            assert sample == (a, 2 * a, f"x{a % 1000}", [a, -a])
             if {writer, reader} == {"plc"}:
                 break
 
 
 @pytest.mark.parametrize(("writer", "reader"), [pair for pair in PAIRS if "plc" not in pair])
-def test_numbers_turn(writer: str, reader: str, peer: Start, demo: Demo, clock: Clock, topic: str) -> None:
-    """After 16#FFFFFFFF comes the number of slots, 8 here: nothing is lost, and nothing counts as missed."""
+def test_sample_numbers_wrap(writer: str, reader: str, peer: Start, demo: Demo, clock: Clock, topic: str) -> None:
+    """Wrap from 16#FFFFFFFF to the number of slots, here 8, without losing or miscounting a sample."""
     with ExitStack() as stack:
 
-        def made(language: str, role: str) -> Any:
-            return InPython(demo, role, stack) if language == "python" else InC(peer(language), role)
+        def create_end(language: str, role: str) -> Any:
+            return PythonEnd(demo, role, stack) if language == "python" else PeerEnd(peer(language), role)
 
-        before = InC(peer("c"), "pub")
-        before.open(topic, 4)
-        before.write(1)
+        former_writer = PeerEnd(peer("c"), "pub")
+        former_writer.open(topic, 4)
+        former_writer.write(1)
         memory = Memory(topic)
         memory["completed0"] = 2**32 - 3
-        before.peer.kill()
-        write, read = made(writer, "pub"), made(reader, "sub")
+        former_writer.peer.kill()
+        write, read = create_end(writer, "pub"), create_end(reader, "sub")
         write.open(topic, 4)
         read.open(topic, 4)
         for a in range(2, 5):
@@ -244,8 +244,8 @@ def test_numbers_turn(writer: str, reader: str, peer: Start, demo: Demo, clock: 
         assert (read.newest(), memory["completed0"], read.missed) == ((10, 20, "x10", [10, -10]), 14, 5 + 1)
 
 
-def test_what_does_not_fit_is_refused_and_named(language: str, peer: Start, demo: Demo, topic: str) -> None:
-    """The region keeps the former sample; and a count above its bound is refused by who reads it."""
+def test_oversized_value_is_refused_and_its_field_named(language: str, peer: Start, demo: Demo, topic: str) -> None:
+    """Keep the former sample in the region. Refuse to read a sample whose count exceeds its bound."""
     process = peer(language)
     assert (process.opens("w", "pub", topic), process.opens("r", "sub", topic)) == (0, 0)
     assert process.does("publish w 1") == 0
@@ -275,16 +275,16 @@ def test_what_does_not_fit_is_refused_and_named(language: str, peer: Start, demo
         assert process.reads("read r") == ["4", "8", "y" * 9, "4", "-4"]
 
 
-@pytest.mark.skipif(bool(SANITIZE), reason="a sanitizer makes some of its own")
+@pytest.mark.skipif(bool(SANITIZE), reason="sanitizers make system calls")
 def test_cyclic_calls_make_no_system_call(language: str, peer: Start, topic: str) -> None:
-    """Under seccomp's strict mode any but a write would end the process by SIGKILL."""
+    """Run in seccomp's strict mode, in which almost every system call ends the process with SIGKILL."""
     process = peer(language)
     assert (process.opens("w", "pub", topic, "unstamped=1"), process.opens("r", "sub", topic)) == (0, 0)
     assert process.ask("strict w") == "0"
     assert process.process.wait(10) == 0
 
 
-def test_a_waiting_reader_is_woken(language: str, peer: Start, demo: Demo, topic: str) -> None:
+def test_waiting_reader_is_woken_by_a_sample(language: str, peer: Start, demo: Demo, topic: str) -> None:
     reader = peer(language)
     assert reader.opens("r", "sub", topic) == 0
     assert reader.does("wait r 10") == 100
@@ -305,7 +305,7 @@ def test_a_waiting_reader_is_woken(language: str, peer: Start, demo: Demo, topic
     assert [writer.hear().split()[0] for _ in range(2)] == ["0", "0"]
 
 
-def test_a_writer_that_stands_still_is_stale(language: str, peer: Start, topic: str) -> None:
+def test_silent_writer_is_stale_until_its_heartbeat(language: str, peer: Start, topic: str) -> None:
     process = peer(language)
     assert (process.opens("w", "pub", topic), process.opens("r", "sub", topic)) == (0, 0)
     assert process.ask("stale r 1000") == "0"
@@ -315,7 +315,7 @@ def test_a_writer_that_stands_still_is_stale(language: str, peer: Start, topic: 
     assert process.ask("stale r 20") == "0"
 
 
-def test_without_a_lock(peer: Start, demo: Demo, topic: str) -> None:
+def test_sequence_region_works_without_a_lock(peer: Start, demo: Demo, topic: str) -> None:
     process = peer("c")
     assert process.opens("w", "pub", topic, "sequence=1", "depth=4") == 0
     assert process.opens("r", "sub", topic, "sequence=1", "depth=4") == 0

@@ -1,4 +1,4 @@
-"""Our C++ classes to ROS's own and back, compiled against the real headers of ROS 1 and ROS 2."""
+"""C++ messages convert to ROS messages and back, compiled with the real headers of ROS 1 and ROS 2."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 PACKAGES = ["sensor_msgs", "visualization_msgs", "diagnostic_msgs", "std_srvs"]
 TYPES = ["sensor_msgs/JointState", "visualization_msgs/Marker", "diagnostic_msgs/DiagnosticStatus", "std_srvs/SetBool"]
 
-# As REP 2007 has it: rclcpp itself is in no package index.
+# The interface of REP 2007, because no package index has rclcpp.
 TYPE_ADAPTER = """#pragma once
 #include <type_traits>
 namespace rclcpp {
@@ -33,35 +33,35 @@ template <typename CustomType, typename ROSMessageType = void, class Enable = vo
 """
 
 
-def of_ros1() -> list[Path]:
+def find_ros1_headers() -> list[Path]:
     if not all(Path("/usr/include", package).is_dir() for package in PACKAGES):
         debian = [f"lib{package.replace('_', '-')}-dev" for package in PACKAGES]
         pytest.skip(f"no headers of ROS 1: apt-get install {' '.join(debian)}")
     return []
 
 
-def of_ros2() -> list[Path]:
+def find_ros2_headers() -> list[Path]:
     return sorted(folder for folder in (ros2.prefix("jazzy") / "include").iterdir() if folder.is_dir())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ros", [1, 2])
-def test_messages_go_to_ros_and_back(tmp_path: Path, topic: str, ros: int) -> None:
+def test_cpp_messages_convert_to_ros_and_back(tmp_path: Path, topic: str, ros: int) -> None:
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
-    headers = of_ros1() if ros == 1 else of_ros2()
+    headers = find_ros1_headers() if ros == 1 else find_ros2_headers()
     bounds = Bounds({}, {package: Bound(8, Span("shmgen.toml")) for package in PACKAGES})
     source = "noetic" if ros == 1 else "jazzy"
     config = Config(tmp_path, source=source, bounds=bounds, targets=("cpp", f"cpp_ros{ros}"))
     put(pipeline.generate(config, TYPES), tmp_path / "made")
     put({"stub/rclcpp/type_adapter.hpp": TYPE_ADAPTER}, tmp_path)
-    ours = [tmp_path / "made" / root for root in ("cpp", f"cpp_ros{ros}")]
+    roots = [tmp_path / "made" / root for root in ("cpp", f"cpp_ros{ros}")]
     command = ["g++", "-std=c++17", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Werror", f"-DROS={ros}"]
-    where = [f"-I{folder}" for folder in (*ours, tmp_path / "stub")] + [f"-isystem{folder}" for folder in headers]
+    includes = [f"-I{folder}" for folder in (*roots, tmp_path / "stub")] + [f"-isystem{folder}" for folder in headers]
     program, libraries = tmp_path / "ros", ["-lrostime"] if ros == 1 else ["-pthread", "-lrt"]
-    done = subprocess.run(
-        [*command, *where, HERE / "ros.cpp", "-o", program, *libraries], capture_output=True, text=True
+    run = subprocess.run(
+        [*command, *includes, HERE / "ros.cpp", "-o", program, *libraries], capture_output=True, text=True
     )
-    assert done.returncode == 0, done.stderr[:4000]
-    done = subprocess.run([program, topic], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout) == (0, "")
+    assert run.returncode == 0, run.stderr[:4000]
+    run = subprocess.run([program, topic], capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stdout) == (0, "")

@@ -1,4 +1,4 @@
-"""Every header, by each compiler and in each language that it is for: the warnings that users turn on are errors."""
+"""Every generated header compiles with each compiler and language standard, with the warnings of users as errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CASTS = {"gcc": ["-Wold-style-cast", "-Wuseless-cast"], "clang": ["-Wold-style-c
 
 @pytest.fixture(scope="module")
 def headers(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Those of the case that has everything, as C and as C++."""
+    """Generated C and C++ of the case `everything`."""
     folder = tmp_path_factory.mktemp("strict")
     case = REPOSITORY / "tests" / "cases" / "everything" / "shmgen.toml"
     settings = config.load(case, "shmgen.toml", Report())
@@ -35,7 +35,7 @@ def headers(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("standard", [*C, *CPP])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.family("gcc-c11", "gcc-c++17")
-def test_no_warning(compiler: str, standard: str, headers: Path) -> None:
+def test_headers_compile_without_warnings(compiler: str, standard: str, headers: Path) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler}")
     language = "c" if standard in C else "c++"
@@ -51,8 +51,8 @@ def test_no_warning(compiler: str, standard: str, headers: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("language", ["c", "c++"])
-def test_no_warning_under_the_thread_sanitizer(language: str, headers: Path) -> None:
-    """gcc warns about fences in code that it emits, so every function is kept."""
+def test_headers_compile_without_warnings_for_thread_sanitizer(language: str, headers: Path) -> None:
+    """Keep every function, because gcc warns about fences only in code that it emits."""
     if language == "c++" and shutil.which("g++") is None:
         pytest.skip("no g++: apt-get install g++")
     command = ["gcc", f"-x{language}", "-fsanitize=thread", "-O1", "-fkeep-inline-functions", *WARNINGS]
@@ -62,5 +62,5 @@ def test_no_warning_under_the_thread_sanitizer(language: str, headers: Path) -> 
 def compile_all(command: list[str], root: Path, ending: str) -> None:
     """Compile one source file that includes each header below `root`."""
     source = "".join(f'#include "{path.relative_to(root)}"\n' for path in sorted(root.rglob(ending)))
-    done = subprocess.run([*command, f"-I{root}", "-"], input=source, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[:3000]
+    process = subprocess.run([*command, f"-I{root}", "-"], input=source, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[:3000]
