@@ -1,4 +1,4 @@
-"""The command as a user types it: what it prints where, what it writes, what it leaves alone, how it ends."""
+"""Test the command line: its output, the files that it writes or keeps, and its exit codes."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def shmgen(folder: Path, command: str) -> Result:
     return run(command.split(), folder)
 
 
-def done(folder: Path, command: str) -> str:
+def run_ok(folder: Path, command: str) -> str:
     result = shmgen(folder, command)
     assert (result.code, result.stderr) == (0, ""), result.stderr
     return result.stdout
 
 
-def failed(folder: Path, command: str) -> str:
+def run_error(folder: Path, command: str) -> str:
     before = tree(folder)
     result = shmgen(folder, command)
     assert (result.code, result.stdout) == (1, "")
@@ -58,8 +58,8 @@ def failed(folder: Path, command: str) -> str:
     return result.stderr
 
 
-def generated(folder: Path, output: str = "generated") -> set[str]:
-    """Files, less those that do not depend on the messages."""
+def generated_files(folder: Path, output: str = "generated") -> set[str]:
+    """Return the generated files, except files that do not depend on the messages."""
     files = {path for path, content in tree(folder / output).items() if content is not None}
     return {path for path in files if not re.search(r"st/shmgen/|__init__|py\.typed|/shmgen\.", path)}
 
@@ -70,19 +70,19 @@ POINT = {"python/shm_msgs/geometry_msgs/msg/_point.py", "c/shm_msgs/geometry_msg
 # --- generate -----------------------------------------------------------------------------------------
 
 
-def test_generate_says_what_it_wrote(tmp_path: Path) -> None:
-    said = done(tmp_path, "generate geometry_msgs/Point").splitlines()
-    written = [path for path, content in tree(tmp_path / "generated").items() if content is not None]
-    assert said[0] == f"generated: {len(written)} files written, 0 unchanged"
-    assert sorted(said[1:]) == sorted(f"  generated/{path}" for path in written)
-    assert generated(tmp_path) >= POINT
-    assert done(tmp_path, "generate geometry_msgs/Point") == f"generated: 0 files written, {len(written)} unchanged\n"
+def test_generate_lists_written_files(tmp_path: Path) -> None:
+    lines = run_ok(tmp_path, "generate geometry_msgs/Point").splitlines()
+    paths = [path for path, content in tree(tmp_path / "generated").items() if content is not None]
+    assert lines[0] == f"generated: {len(paths)} files written, 0 unchanged"
+    assert sorted(lines[1:]) == sorted(f"  generated/{path}" for path in paths)
+    assert generated_files(tmp_path) >= POINT
+    assert run_ok(tmp_path, "generate geometry_msgs/Point") == f"generated: 0 files written, {len(paths)} unchanged\n"
 
 
-def test_a_second_run_touches_nothing(tmp_path: Path) -> None:
-    done(tmp_path, "generate geometry_msgs/Point")
+def test_second_run_does_not_touch_files(tmp_path: Path) -> None:
+    run_ok(tmp_path, "generate geometry_msgs/Point")
     before = {path: os.stat(path).st_mtime_ns for path in tmp_path.rglob("*")}
-    done(tmp_path, "generate geometry_msgs/Point")
+    run_ok(tmp_path, "generate geometry_msgs/Point")
     assert {path: os.stat(path).st_mtime_ns for path in tmp_path.rglob("*")} == before
 
 
@@ -90,14 +90,14 @@ def test_a_second_run_touches_nothing(tmp_path: Path) -> None:
     "request_",
     ["demo_msgs", "demo_msgs/Arm demo_msgs/Robot", "demo_msgs/msg/Robot demo_msgs/msg/Arm"],
 )
-def test_ways_to_ask(folder: Path, request_: str) -> None:
-    done(folder, f"generate -I msgs {request_} -o out")
+def test_generate_accepts_packages_and_messages(folder: Path, request_: str) -> None:
+    run_ok(folder, f"generate -I msgs {request_} -o out")
     assert (folder / "out/python/shm_msgs/demo_msgs/msg/_robot.py").is_file()
     assert 'requested = [\n    "demo_msgs/msg/Arm",\n    "demo_msgs/msg/Robot",\n]' in lock(folder, "out")
 
 
-def test_a_file_is_a_way_to_ask(folder: Path) -> None:
-    done(folder, "generate msgs/demo_msgs/msg/Robot.msg")
+def test_generate_accepts_a_file(folder: Path) -> None:
+    run_ok(folder, "generate msgs/demo_msgs/msg/Robot.msg")
     assert 'requested = [\n    "demo_msgs/msg/Robot",\n]' in lock(folder)
     assert not (folder / "generated/st/demo_msgs/FB_demo_msgs_Arm_Publisher.st").exists()
 
@@ -106,81 +106,81 @@ def lock(folder: Path, output: str = "generated") -> str:
     return (folder / output / "layout.lock").read_text()
 
 
-def test_without_names_the_configuration_is_asked(folder: Path) -> None:
+def test_generate_uses_the_configuration_without_names(folder: Path) -> None:
     text = 'messages = ["demo_msgs/Arm"]\npath = ["msgs"]\n[[topics]]\ntopic = "/p"\ntype = "geometry_msgs/Point"\n'
     write(folder, {"shmgen.toml": text})
-    done(folder, "generate")
+    run_ok(folder, "generate")
     assert 'requested = [\n    "demo_msgs/msg/Arm",\n    "geometry_msgs/msg/Point",\n]' in lock(folder)
 
 
-def test_a_configuration_elsewhere(folder: Path) -> None:
+def test_configuration_in_another_folder(folder: Path) -> None:
     write(folder, {"there/robot.toml": 'messages = ["../msgs/demo_msgs/msg/Arm.msg"]\npackage = "robot_shm"\n'})
-    done(folder, "generate -q -c there/robot.toml")
+    run_ok(folder, "generate -q -c there/robot.toml")
     assert (folder / "generated/python/robot_shm/demo_msgs/msg/_arm.py").is_file()
 
 
-def test_a_second_message_joins_the_first(tmp_path: Path) -> None:
-    done(tmp_path, "generate geometry_msgs/Point")
-    first = generated(tmp_path)
-    done(tmp_path, "generate std_msgs/Bool")
-    assert generated(tmp_path) > first
+def test_second_run_adds_its_message(tmp_path: Path) -> None:
+    run_ok(tmp_path, "generate geometry_msgs/Point")
+    first = generated_files(tmp_path)
+    run_ok(tmp_path, "generate std_msgs/Bool")
+    assert generated_files(tmp_path) > first
     both = tree(tmp_path / "generated")
-    done(tmp_path, "generate geometry_msgs/Point std_msgs/Bool -o at_once")
+    run_ok(tmp_path, "generate geometry_msgs/Point std_msgs/Bool -o at_once")
     assert tree(tmp_path / "at_once") == both
 
 
-def test_the_configuration_is_all_there_is_to_be(tmp_path: Path) -> None:
-    done(tmp_path, "generate geometry_msgs/Point std_msgs/Bool")
+def test_files_not_in_the_configuration_are_removed(tmp_path: Path) -> None:
+    run_ok(tmp_path, "generate geometry_msgs/Point std_msgs/Bool")
     write(tmp_path, {"shmgen.toml": 'messages = ["std_msgs/Bool"]', "generated/c/notes.txt": "ours"})
-    said = done(tmp_path, "generate")
-    assert re.match(r"generated: \d+ files written, \d+ unchanged, \d+ removed\n", said)
+    output = run_ok(tmp_path, "generate")
+    assert re.match(r"generated: \d+ files written, \d+ unchanged, \d+ removed\n", output)
     assert not any("geometry" in path for path in tree(tmp_path / "generated"))
     assert (tmp_path / "generated/c/notes.txt").read_text() == "ours"
 
 
-def test_only_what_the_lock_knows_is_removed(tmp_path: Path) -> None:
-    done(tmp_path, "generate geometry_msgs/Point std_msgs/Bool")
+def test_files_not_in_the_lock_are_not_removed(tmp_path: Path) -> None:
+    run_ok(tmp_path, "generate geometry_msgs/Point std_msgs/Bool")
     (tmp_path / "generated/layout.lock").unlink()
-    done(tmp_path, "generate std_msgs/Bool")
-    assert generated(tmp_path) >= POINT
+    run_ok(tmp_path, "generate std_msgs/Bool")
+    assert generated_files(tmp_path) >= POINT
 
 
-def test_a_lock_cannot_have_other_files_removed(tmp_path: Path) -> None:
-    done(tmp_path, "generate std_msgs/Bool")
+def test_lock_cannot_remove_files_outside_the_folder(tmp_path: Path) -> None:
+    run_ok(tmp_path, "generate std_msgs/Bool")
     write(tmp_path, {"ours.txt": "ours"})
     paths = ["../ours.txt", str(tmp_path / "ours.txt"), "gone.txt"]
-    added = "".join(f'"{path}" = "00"\n' for path in paths)
-    (tmp_path / "generated/layout.lock").write_text(lock(tmp_path) + added)
-    assert "removed" not in done(tmp_path, "generate std_msgs/Bool")
+    entries = "".join(f'"{path}" = "00"\n' for path in paths)
+    (tmp_path / "generated/layout.lock").write_text(lock(tmp_path) + entries)
+    assert "removed" not in run_ok(tmp_path, "generate std_msgs/Bool")
     assert (tmp_path / "ours.txt").is_file()
 
 
-def test_one_target_is_what_there_is_then(tmp_path: Path) -> None:
-    done(tmp_path, "generate std_msgs/Bool -t c -t python")
-    assert {path.partition("/")[0] for path in generated(tmp_path)} == {"c", "python", "layout.lock"}
-    done(tmp_path, "generate std_msgs/Bool -t c")
+def test_files_of_other_targets_are_removed(tmp_path: Path) -> None:
+    run_ok(tmp_path, "generate std_msgs/Bool -t c -t python")
+    assert {path.partition("/")[0] for path in generated_files(tmp_path)} == {"c", "python", "layout.lock"}
+    run_ok(tmp_path, "generate std_msgs/Bool -t c")
     assert {path.partition("/")[0] for path in tree(tmp_path / "generated")} == {"c", "layout.lock"}
 
 
-def test_quiet_is_silent(tmp_path: Path) -> None:
-    assert done(tmp_path, "generate std_msgs/Bool -q") == ""
+def test_quiet_prints_nothing(tmp_path: Path) -> None:
+    assert run_ok(tmp_path, "generate std_msgs/Bool -q") == ""
 
 
-def test_folders_on_the_command_line_come_before_those_of_the_configuration(folder: Path) -> None:
+def test_command_line_folders_precede_configured_folders(folder: Path) -> None:
     write(folder, {"new/demo_msgs/msg/Arm.msg": "int8 new\n", "shmgen.toml": 'path = ["msgs"]'})
-    done(folder, "generate -I new demo_msgs/Arm")
+    run_ok(folder, "generate -I new demo_msgs/Arm")
     assert '"0 new int8"' in lock(folder)
 
 
-def test_a_failed_run_leaves_everything(folder: Path) -> None:
-    done(folder, "generate -I msgs demo_msgs/Robot")
+def test_failed_run_changes_no_file(folder: Path) -> None:
+    run_ok(folder, "generate -I msgs demo_msgs/Robot")
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "Arm arm\nfloat32[] speed\n"})
-    assert "SHM101" in failed(folder, "generate -I msgs demo_msgs/Robot")
-    assert "SHM004" in failed(folder, "generate geometry_msgs/Nothing")
-    assert "SHM408" in failed(spoilt(folder), "generate std_msgs/Bool")
+    assert "SHM101" in run_error(folder, "generate -I msgs demo_msgs/Robot")
+    assert "SHM004" in run_error(folder, "generate geometry_msgs/Nothing")
+    assert "SHM408" in run_error(with_unknown_lock_version(folder), "generate std_msgs/Bool")
 
 
-def spoilt(folder: Path) -> Path:
+def with_unknown_lock_version(folder: Path) -> Path:
     (folder / "generated/layout.lock").write_text(lock(folder).replace("version = 1", "version = 2"))
     return folder
 
@@ -188,28 +188,28 @@ def spoilt(folder: Path) -> Path:
 @pytest.mark.parametrize(
     "obstacle", ["generated/layout.lock/x", "generated/st/std_msgs/GVL_std_msgs_Bool.st/x", "generated/python"]
 )
-def test_what_cannot_be_written_whole_is_not_begun(tmp_path: Path, obstacle: str) -> None:
-    done(tmp_path, "generate geometry_msgs/Point")
+def test_obstacle_prevents_all_writes(tmp_path: Path, obstacle: str) -> None:
+    run_ok(tmp_path, "generate geometry_msgs/Point")
     write(tmp_path, {"shmgen.toml": 'messages = ["std_msgs/Bool"]'})
     for path in (tmp_path / obstacle, (tmp_path / obstacle).parent):
         if path.name in ("layout.lock", "python"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     write(tmp_path, {obstacle: ""})
-    assert "SHM007" in failed(tmp_path, "generate")
+    assert "SHM007" in run_error(tmp_path, "generate")
 
 
-def test_a_file_edited_by_hand_is_replaced(tmp_path: Path) -> None:
-    done(tmp_path, "generate std_msgs/Bool")
+def test_file_edited_by_hand_is_replaced(tmp_path: Path) -> None:
+    run_ok(tmp_path, "generate std_msgs/Bool")
     before = tree(tmp_path)
     write(tmp_path, {"generated/c/shm_msgs/std_msgs/msg/bool.h": "mine"})
-    assert "generated: 1 file written" in done(tmp_path, "generate std_msgs/Bool")
+    assert "generated: 1 file written" in run_ok(tmp_path, "generate std_msgs/Bool")
     assert tree(tmp_path) == before
 
 
-def test_files_get_the_permissions_of_others(tmp_path: Path) -> None:
+def test_files_follow_the_umask(tmp_path: Path) -> None:
     before = os.umask(0o027)
     try:
-        done(tmp_path, "generate std_msgs/Bool")
+        run_ok(tmp_path, "generate std_msgs/Bool")
     finally:
         os.umask(before)
     assert {path.stat().st_mode & 0o777 for path in tmp_path.rglob("*") if path.is_file()} == {0o640}
@@ -224,28 +224,28 @@ def test_files_get_the_permissions_of_others(tmp_path: Path) -> None:
     ],
     ids=lambda environment: "+".join(environment),
 )
-def test_the_same_bytes_everywhere(folder: Path, environment: dict[str, str]) -> None:
+def test_output_is_independent_of_the_environment(folder: Path, environment: dict[str, str]) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "# °µ\nArm[2] arms\nint8 TEN=10\nint8 TWO=2\n"})
-    done(folder, "generate -I msgs demo_msgs geometry_msgs/PoseStamped")
-    there = folder / "there"
-    there.mkdir()
+    run_ok(folder, "generate -I msgs demo_msgs geometry_msgs/PoseStamped")
+    other_folder = folder / "there"
+    other_folder.mkdir()
     write(folder, {"there/shmgen.toml": ""})
     command = "-m shmgen generate -q -c ../there/../shmgen.toml -I ../msgs geometry_msgs/PoseStamped demo_msgs -o out"
     write(folder, {"shmgen.toml": ""})
     result = subprocess.run(
         [sys.executable, *command.split()],
-        cwd=there,
+        cwd=other_folder,
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
         check=False,
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert tree(there / "out") == tree(folder / "generated")
+    assert tree(other_folder / "out") == tree(folder / "generated")
 
 
-def test_nothing_of_this_machine_is_in_the_output(folder: Path) -> None:
-    done(folder, f"generate -I {folder}/msgs demo_msgs geometry_msgs/Point")
+def test_output_contains_no_path_and_no_version(folder: Path) -> None:
+    run_ok(folder, f"generate -I {folder}/msgs demo_msgs geometry_msgs/Point")
     for path, content in tree(folder / "generated").items():
         assert str(folder).encode() not in (content or b""), path
         assert __version__.encode() not in (content or b""), path
@@ -255,7 +255,7 @@ def test_nothing_of_this_machine_is_in_the_output(folder: Path) -> None:
 
 
 def test_show(folder: Path) -> None:
-    lines = done(folder, "show -I msgs demo_msgs/Robot").splitlines()
+    lines = run_ok(folder, "show -I msgs demo_msgs/Robot").splitlines()
     assert lines[0].startswith("demo_msgs/msg/Robot: 96 bytes, alignment 8, digest ")
     assert lines[1].startswith("from msgs/demo_msgs/msg/Robot.msg; a region of depth 1 takes 4,096 bytes")
     assert re.fullmatch(r"in ROS 2 RIHS01_[0-9a-f]{64}", lines[2])
@@ -269,7 +269,7 @@ def test_show(folder: Path) -> None:
 
 
 def test_show_json_has_a_stable_shape(folder: Path) -> None:
-    (data,) = json.loads(done(folder, "show -I msgs demo_msgs/Robot --json"))
+    (data,) = json.loads(run_ok(folder, "show -I msgs demo_msgs/Robot --json"))
     assert list(data) == ["type", "origin", "size", "align", "digest", "type_hash", "region_size", "slots"]
     assert (data["type"], data["size"], data["align"], data["region_size"]) == ("demo_msgs/msg/Robot", 96, 8, 4096)
     assert re.fullmatch("[0-9a-f]{16}", data["digest"])
@@ -288,23 +288,23 @@ def test_show_json_has_a_stable_shape(folder: Path) -> None:
     }
 
 
-def test_show_takes_more_than_one(folder: Path) -> None:
-    assert [data["type"] for data in json.loads(done(folder, "show -I msgs demo_msgs --json"))] == [
+def test_show_accepts_a_package(folder: Path) -> None:
+    assert [data["type"] for data in json.loads(run_ok(folder, "show -I msgs demo_msgs --json"))] == [
         "demo_msgs/msg/Arm",
         "demo_msgs/msg/Robot",
     ]
-    assert done(folder, "show -I msgs demo_msgs").count("digest") == 2
-    assert usage(folder, "show -I msgs demo_msgs --svg").endswith("demo_msgs/msg/Arm, demo_msgs/msg/Robot\n")
+    assert run_ok(folder, "show -I msgs demo_msgs").count("digest") == 2
+    assert run_usage_error(folder, "show -I msgs demo_msgs --svg").endswith("demo_msgs/msg/Arm, demo_msgs/msg/Robot\n")
 
 
 def test_show_svg_is_xml(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": "string a  # ]]> <&> \"'\nfloat64[100] long\n"})
-    root = ElementTree.fromstring(done(folder, "show -I msgs demo_msgs/Robot --svg"))
+    root = ElementTree.fromstring(run_ok(folder, "show -I msgs demo_msgs/Robot --svg"))
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert any("arm.long" in "".join(element.itertext()) for element in root.iter())
 
 
-def test_an_ascii_terminal_is_no_reason_to_fail(folder: Path) -> None:
+def test_show_works_on_an_ascii_terminal(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": "int8 a  # °µ→\n"})
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     for option in ([], ["--svg"], ["--json"]):
@@ -314,13 +314,13 @@ def test_an_ascii_terminal_is_no_reason_to_fail(folder: Path) -> None:
 
 
 def test_types(tmp_path: Path) -> None:
-    rows = {line.split()[0]: line.split()[1:] for line in done(tmp_path, "types").splitlines()}
+    rows = {line.split()[0]: line.split()[1:] for line in run_ok(tmp_path, "types").splitlines()}
     assert rows["bool"] == ["USINT", "uint8_t", "1"]
     assert rows["uint16"] == ["UINT", "uint16_t", "2"]
     assert rows["uint32"] == ["UDINT", "uint32_t", "4"]
     assert rows["time"] == ["TIME", "uint32_t", "4"]
     write(tmp_path, {"shmgen.toml": '[types]\nbool = "BOOL"\ntime = "LTIME"'})
-    rows = {line.split()[0]: line.split()[1:] for line in done(tmp_path, "types").splitlines()}
+    rows = {line.split()[0]: line.split()[1:] for line in run_ok(tmp_path, "types").splitlines()}
     assert rows["bool"] == ["BOOL", "uint8_t", "1"]
     assert rows["duration"] == ["LTIME", "uint64_t", "8"]
 
@@ -329,7 +329,7 @@ def test_list(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "".join(f"Arm[] arms{number}\n" for number in range(5))})
     write(folder, {"msgs/demo_msgs/msg/Fleet.msg": "Robot one\n"})
     some = "demo_msgs/Robot.arms0, demo_msgs/Robot.arms1, demo_msgs/Robot.arms2 and 2 more"
-    assert done(folder, "list -I msgs demo_msgs").splitlines() == [
+    assert run_ok(folder, "list -I msgs demo_msgs").splitlines() == [
         "demo_msgs/Arm           81 bytes",
         f"demo_msgs/Fleet  needs a bound for {some}",
         f"demo_msgs/Robot  needs a bound for {some}",
@@ -338,16 +338,16 @@ def test_list(folder: Path) -> None:
         'Add lines under [bounds] in shmgen.toml, such as "demo_msgs/Robot.arms0" = 8',
     ]
     write(folder, {"shmgen.toml": "[bounds]\ndemo_msgs = 2\n"})
-    assert done(folder, "list -I msgs demo_msgs").endswith("3 of 3 can be generated.\n")
+    assert run_ok(folder, "list -I msgs demo_msgs").endswith("3 of 3 can be generated.\n")
 
 
-def test_list_says_what_generate_would_say(folder: Path) -> None:
+def test_list_reports_the_faults_that_generate_reports(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Twice.msg": "float64 a\nfloat64 A\n", "shmgen.toml": 'source = "noetic"\n'})
     write(folder, {"msgs/demo_msgs/msg/Holds.msg": "Twice[2] twice\n"})
     write(folder, {"msgs/demo_msgs/msg/Large.msg": "float64[3000000] a\nTwice b\n"})
     twice = "SHM203 demo_msgs/Twice.A: `a` and `A` become the same name in Structured Text, which ignores case"
     large = "demo_msgs/Large needs a region of 96,002,048 bytes, more than 33,554,432"
-    assert done(folder, "list -I msgs demo_msgs").splitlines() == [
+    assert run_ok(folder, "list -I msgs demo_msgs").splitlines() == [
         "demo_msgs/Arm           81 bytes",
         f"demo_msgs/Holds  {twice}",
         f"demo_msgs/Large  SHM303 demo_msgs/Large.a (24,000,000 bytes): {large}; {twice}",
@@ -357,20 +357,20 @@ def test_list_says_what_generate_would_say(folder: Path) -> None:
         "2 of 5 can be generated.",
         "Run `shmgen explain SHM203` or `shmgen explain SHM303` for details",
     ]
-    held = json.loads(done(folder, "list -I msgs demo_msgs --json"))[1]
-    assert (held["size"], [fault["code"] for fault in held["faults"]]) == (32, ["SHM203"])
+    holds = json.loads(run_ok(folder, "list -I msgs demo_msgs --json"))[1]
+    assert (holds["size"], [fault["code"] for fault in holds["faults"]]) == (32, ["SHM203"])
     for name in ("Holds", "Large", "Twice"):
         assert shmgen(folder, f"generate -I msgs demo_msgs/{name}").code == 1
     write(folder, {"shmgen.toml": 'source = "noetic"\ntargets = ["python", "c"]\nmax_region = 100000000\n'})
-    assert "5 of 5" in done(folder, "list -I msgs demo_msgs")
+    assert "5 of 5" in run_ok(folder, "list -I msgs demo_msgs")
     write(folder, {"msgs/demo_msgs/msg/Arm_publisher.msg": "uint8 x\n"})
-    assert "5 of 6" in done(folder, "list -I msgs demo_msgs")
+    assert "5 of 6" in run_ok(folder, "list -I msgs demo_msgs")
     assert shmgen(folder, "generate -I msgs demo_msgs/Arm demo_msgs/Arm_publisher").code == 1
 
 
 def test_list_json_has_a_stable_shape(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "Arm[] arms\n"})
-    assert json.loads(done(folder, "list -I msgs demo_msgs --json")) == [
+    assert json.loads(run_ok(folder, "list -I msgs demo_msgs --json")) == [
         {"type": "demo_msgs/msg/Arm", "size": 81, "unbounded": [], "faults": [], "defaulted": []},
         {
             "type": "demo_msgs/msg/Robot",
@@ -382,8 +382,8 @@ def test_list_json_has_a_stable_shape(folder: Path) -> None:
     ]
 
 
-def test_list_goes_on_after_what_is_at_fault(folder: Path) -> None:
-    """A file that cannot be read, one that holds it, a type that is nowhere, and all the others."""
+def test_list_continues_after_faults(folder: Path) -> None:
+    """List an invalid file, its container, a field of an unknown type, and all valid messages."""
     write(
         folder,
         {
@@ -393,7 +393,7 @@ def test_list_goes_on_after_what_is_at_fault(folder: Path) -> None:
             "msgs/demo_msgs/srv/Ask.srv": "Lost lost\n",
         },
     )
-    lines = done(folder, "list -I msgs demo_msgs").splitlines()
+    lines = run_ok(folder, "list -I msgs demo_msgs").splitlines()
     broken = "SHM003 msgs/demo_msgs/msg/Broken.msg:2: expected a type and a name, found only `no` and 1 more"
     assert lines[:8] == [
         "demo_msgs/Arm                  81 bytes",
@@ -407,38 +407,38 @@ def test_list_goes_on_after_what_is_at_fault(folder: Path) -> None:
         [f"demo_msgs/Ask_{part}", "SHM003"] for part in ("Reply", "Request", "Response")
     ]
     assert "2 of 8 can be generated." in lines
-    assert "109 of" in done(folder, "list -I msgs")
+    assert "109 of" in run_ok(folder, "list -I msgs")
 
 
-def test_list_tells_which_bounds_are_the_default(folder: Path) -> None:
+def test_list_marks_default_bounds(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": "Arm[] arms\nint8[<=2] a\nint8[] b\n"})
     write(folder, {"shmgen.toml": 'path = ["msgs"]\n[bounds]\ndefault = 32\n"demo_msgs/Robot.b" = 8\n'})
-    said = done(folder, "list demo_msgs")
-    assert "bytes  * demo_msgs/Robot.arms\n" in said
-    assert "2 of 2 can be generated.\n* of 32 by [bounds] default\n" in said
-    assert json.loads(done(folder, "list demo_msgs/Robot --json"))[0]["defaulted"] == ["demo_msgs/Robot.arms"]
-    assert "Arm[<=32]" in done(folder, "show demo_msgs/Robot")
+    output = run_ok(folder, "list demo_msgs")
+    assert "bytes  * demo_msgs/Robot.arms\n" in output
+    assert "2 of 2 can be generated.\n* of 32 by [bounds] default\n" in output
+    assert json.loads(run_ok(folder, "list demo_msgs/Robot --json"))[0]["defaulted"] == ["demo_msgs/Robot.arms"]
+    assert "Arm[<=32]" in run_ok(folder, "show demo_msgs/Robot")
     write(folder, {"shmgen.toml": "[bounds]\ndefault = 0\n"})
-    assert "shmgen.toml:2:1: error[SHM502]" in failed(folder, "list demo_msgs")
+    assert "shmgen.toml:2:1: error[SHM502]" in run_error(folder, "list demo_msgs")
 
 
-def test_list_all(tmp_path: Path) -> None:
-    assert "107 of 171 can be generated." in done(tmp_path, "list")
-    assert "SHM004" in failed(tmp_path, "list nothing_msgs")
+def test_list_without_names(tmp_path: Path) -> None:
+    assert "107 of 171 can be generated." in run_ok(tmp_path, "list")
+    assert "SHM004" in run_error(tmp_path, "list nothing_msgs")
 
 
 @pytest.mark.parametrize("code", CODES)
-def test_explain(tmp_path: Path, code: str) -> None:
-    said = done(tmp_path, f"explain {code.lower()}")
-    assert said.startswith(f"{code} {CODES[code]}\n")
-    assert f"error[{code}]" in said
-    assert "## " not in said
+def test_explain_prints_each_code(tmp_path: Path, code: str) -> None:
+    output = run_ok(tmp_path, f"explain {code.lower()}")
+    assert output.startswith(f"{code} {CODES[code]}\n")
+    assert f"error[{code}]" in output
+    assert "## " not in output
 
 
-# --- how it ends --------------------------------------------------------------------------------------
+# --- exit codes --------------------------------------------------------------------------------------
 
 
-def usage(folder: Path, command: str) -> str:
+def run_usage_error(folder: Path, command: str) -> str:
     before = tree(folder)
     result = shmgen(folder, command)
     assert (result.code, result.stdout) == (2, "")
@@ -461,42 +461,42 @@ def usage(folder: Path, command: str) -> str:
     ],
 )
 def test_wrong_usage(tmp_path: Path, command: str) -> None:
-    said = usage(tmp_path, command)
-    assert "Error: " in said
-    assert "Traceback" not in said
+    output = run_usage_error(tmp_path, command)
+    assert "Error: " in output
+    assert "Traceback" not in output
 
 
-def test_a_file_is_no_output_folder(tmp_path: Path) -> None:
+def test_output_folder_cannot_be_a_file(tmp_path: Path) -> None:
     write(tmp_path, {"out": ""})
-    assert "is a file" in usage(tmp_path, "generate std_msgs/Bool -o out")
+    assert "is a file" in run_usage_error(tmp_path, "generate std_msgs/Bool -o out")
 
 
 def test_help_and_version(tmp_path: Path) -> None:
-    written = f"shmgen, version {__version__}; publish and read in {'C' if engine.IN_C else 'Python'}\n"
-    assert done(tmp_path, "--version") == written
+    version_line = f"shmgen, version {__version__}; publish and read in {'C' if engine.IN_C else 'Python'}\n"
+    assert run_ok(tmp_path, "--version") == version_line
     for command in ("generate", "show", "types", "list", "explain"):
-        assert command in done(tmp_path, "-h")
-        assert f"shmgen {command} [OPTIONS]" in done(tmp_path, f"{command} --help").splitlines()[0]
-    told = done(tmp_path, "bridge --help").partition("Options:")[0]
-    assert all(f" {backend.key} " in " ".join(told.split()) for backend in BACKENDS)
+        assert command in run_ok(tmp_path, "-h")
+        assert f"shmgen {command} [OPTIONS]" in run_ok(tmp_path, f"{command} --help").splitlines()[0]
+    description = run_ok(tmp_path, "bridge --help").partition("Options:")[0]
+    assert all(f" {backend.key} " in " ".join(description.split()) for backend in BACKENDS)
 
 
-def test_colour_is_for_terminals(tmp_path: Path) -> None:
+def test_only_terminals_get_colour(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "shmgen", "generate", "std_msgs/Nothing"]
     piped = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
     assert b"\x1b" not in piped.stderr
-    ours, theirs = os.openpty()
-    subprocess.run(command, cwd=tmp_path, stderr=theirs, check=False)
-    os.close(theirs)
-    coloured = os.read(ours, 10_000)
-    os.close(ours)
-    assert b"\x1b[31m" in coloured
-    assert re.sub(rb"\x1b\[\d*m|\r", b"", coloured) == piped.stderr
+    controller, terminal = os.openpty()
+    subprocess.run(command, cwd=tmp_path, stderr=terminal, check=False)
+    os.close(terminal)
+    terminal_output = os.read(controller, 10_000)
+    os.close(controller)
+    assert b"\x1b[31m" in terminal_output
+    assert re.sub(rb"\x1b\[\d*m|\r", b"", terminal_output) == piped.stderr
 
 
-def test_a_fault_of_ours_is_shown_to_who_wants_to_see_it(tmp_path: Path) -> None:
-    fault = "from shmgen.generator import layout; from shmgen.cli.main import main; layout.region_size = None; main()"
-    command = [sys.executable, "-c", fault, "generate", "std_msgs/Bool"]
+def test_shmgen_debug_prints_the_traceback(tmp_path: Path) -> None:
+    code = "from shmgen.generator import layout; from shmgen.cli.main import main; layout.region_size = None; main()"
+    command = [sys.executable, "-c", code, "generate", "std_msgs/Bool"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (result.returncode, "Traceback" in result.stderr) == (1, False)
     environment = {**os.environ, "SHMGEN_DEBUG": "1"}

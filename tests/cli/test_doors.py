@@ -1,4 +1,4 @@
-"""What lies where a file is expected: no command waits for ever for it, or writes through it."""
+"""Test unexpected file types: no command waits forever for a FIFO or writes through a symlink."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from shmgen.definitions import folders
 
 from ..support.command import PRELOAD, run
 
-SECONDS = 60
-"""A guard against hanging: each takes one."""
+TIMEOUT = 60
+"""The timeout of a command in seconds. A command usually takes one second."""
 
 
 @pytest.mark.parametrize(
@@ -29,74 +29,74 @@ SECONDS = 60
         ("msgs/package.xml", ["generate", "a_msgs/A", "-I", "msgs"]),
     ],
 )
-def test_a_fifo_is_not_waited_for(fifo: str, command: list[str], tmp_path: Path) -> None:
+def test_command_does_not_wait_for_a_fifo(fifo: str, command: list[str], tmp_path: Path) -> None:
     (tmp_path / fifo).parent.mkdir(exist_ok=True)
     if fifo != "shmgen.toml":
         (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/Bool"]\n')
     os.mkfifo(tmp_path / fifo)
-    done = subprocess.run(
-        [sys.executable, "-m", "shmgen", *command], cwd=tmp_path, timeout=SECONDS, capture_output=True
+    process = subprocess.run(
+        [sys.executable, "-m", "shmgen", *command], cwd=tmp_path, timeout=TIMEOUT, capture_output=True
     )
-    assert done.returncode == 1
-    assert b"SHM901" not in done.stderr
+    assert process.returncode == 1
+    assert b"SHM901" not in process.stderr
 
 
-def test_too_many_folders_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `-I /` has; on this machine it would take minutes."""
+def test_too_many_folders_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lower the limit, because a real case such as `-I /` would take minutes."""
     monkeypatch.setattr(folders, "_MOST_FOLDERS", 20)
     for number in range(30):
         (tmp_path / "many" / str(number)).mkdir(parents=True)
-    said = run(["list", "-I", "many"], tmp_path)
-    assert (said.code, said.stderr) == (
+    result = run(["list", "-I", "many"], tmp_path)
+    assert (result.code, result.stderr) == (
         1,
         "many: error[SHM001]: more than 20 folders to search\n  hint: give the folder that contains your packages\n",
     )
 
 
-def test_a_link_that_leads_nowhere_is_passed_over(tmp_path: Path) -> None:
-    """As /proc/1/root is for most, below `-I /`: its target cannot even be asked about."""
+def test_broken_symlink_is_ignored(tmp_path: Path) -> None:
+    """Ignore a symlink whose target cannot be examined, such as /proc/1/root below `-I /`."""
     (tmp_path / "msgs/demo_msgs/msg").mkdir(parents=True)
     (tmp_path / "msgs/demo_msgs/msg/Foo.msg").write_text("int8 x\n")
-    for place in ("msgs", "msgs/demo_msgs/msg"):
-        (tmp_path / place / "link").symlink_to("x" * 300)
-    said = run(["list", "-I", "msgs", "demo_msgs"], tmp_path)
-    assert (said.code, said.stderr) == (0, "")
-    assert said.stdout.endswith("1 of 1 can be generated.\n")
+    for parent in ("msgs", "msgs/demo_msgs/msg"):
+        (tmp_path / parent / "link").symlink_to("x" * 300)
+    result = run(["list", "-I", "msgs", "demo_msgs"], tmp_path)
+    assert (result.code, result.stderr) == (0, "")
+    assert result.stdout.endswith("1 of 1 can be generated.\n")
 
 
-def test_init_does_not_write_through_links(tmp_path: Path) -> None:
+def test_init_does_not_write_through_symlinks(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "here" / "shmgen.toml").symlink_to(tmp_path / "elsewhere" / "new.toml")
     (tmp_path / "here" / ".github").symlink_to(tmp_path / "elsewhere")
-    said = run(["init", "--ci", "--from", "shmgen"], tmp_path / "here")
-    assert (said.code, said.stdout.partition(",")[0]) == (1, "shmgen.toml is there")
-    assert "cannot write: .github is a symbolic link" in said.stderr
+    result = run(["init", "--ci", "--from", "shmgen"], tmp_path / "here")
+    assert (result.code, result.stdout.partition(",")[0]) == (1, "shmgen.toml is there")
+    assert "cannot write: .github is a symbolic link" in result.stderr
     assert not list((tmp_path / "elsewhere").iterdir())
 
 
 @pytest.mark.parametrize(
-    ("raised", "told"),
+    ("error", "expected"),
     [
         (OSError(28, "No space left on device"), "shmgen.toml: error[SHM702]: No space left on device\n"),
         (ValueError("/a: x\x1b[2J"), "/a: error[SHM704]: x\\u001b[2J\n"),
     ],
 )
-def test_what_ends_a_bridge_is_told_by_its_name(
-    raised: Exception, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_fatal_bridge_error_names_file_or_topic(
+    error: Exception, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from shmgen.bridge import run as running
+    from shmgen.bridge import run as run_module
 
-    def fails(*_: object) -> None:
-        raise raised
+    def raise_error(*_: object) -> None:
+        raise error
 
     (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
-    monkeypatch.setattr(running, "run", fails)
-    said = run(["bridge"], tmp_path)
-    assert (said.code, said.stdout, said.stderr.partition("  hint: ")[0]) == (1, "", told)
+    monkeypatch.setattr(run_module, "run", raise_error)
+    result = run(["bridge"], tmp_path)
+    assert (result.code, result.stdout, result.stderr.partition("  hint: ")[0]) == (1, "", expected)
 
 
-def test_a_peer_begins_no_line_of_the_bridges_log(capsys: pytest.CaptureFixture[str]) -> None:
+def test_text_of_a_peer_cannot_forge_a_log_line(capsys: pytest.CaptureFixture[str]) -> None:
     from shmgen.cli import bridge
 
     bridge._tell("/a: a peer says \x1b[2J\nrunning")
@@ -109,8 +109,8 @@ def test_a_peer_begins_no_line_of_the_bridges_log(capsys: pytest.CaptureFixture[
     [["check"], ["list"], ["generate", "std_msgs/Bool"], ["show", "-I", "msgs", "a_msgs/A"], ["show", "msgs/A.msg"]],
 )
 @pytest.mark.family("[command0]", "[command1]")
-def test_a_folder_that_the_user_may_not_search_is_named(command: list[str], tmp_path: Path) -> None:
-    """Not SHM901, a fault of shmgen. What the command loads is loaded before this process becomes the other user."""
+def test_folder_without_permission_is_reported(command: list[str], tmp_path: Path) -> None:
+    """Report SHM001 instead of an internal error. The process loads all modules before it changes the user."""
     (tmp_path / "msgs").mkdir()
     code = f"""{PRELOAD}
 os.chdir({str(tmp_path)!r}); os.chmod(".", 0o700)
@@ -118,7 +118,7 @@ os.setgroups([]); os.setresgid(65534, 65534, 65534); os.setresuid(65534, 65534, 
 sys.argv[1:] = {command!r}
 shmgen.cli.main.main()
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=SECONDS)
-    assert done.returncode == 1
-    assert "error[SHM001]: cannot open: Permission denied" in done.stderr
-    assert "run shmgen elsewhere" in done.stderr
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT)
+    assert process.returncode == 1
+    assert "error[SHM001]: cannot open: Permission denied" in process.stderr
+    assert "run shmgen elsewhere" in process.stderr

@@ -1,7 +1,7 @@
-"""Each folder of tests/errors: a user's mistake, what he typed, and what he is told.
+"""Test each folder of tests/errors: a user's mistake, the command, and the reported error.
 
-`command` is what he typed, `expected.txt` what goes to stderr, `inputs.py` makes what would be too many files,
-`environment` holds variables of his shell.
+`command` is the command line, `expected.txt` the expected stderr, `inputs.py` creates input files, and `environment`
+contains environment variables.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ CASES = sorted(path for path in (REPOSITORY / "tests" / "errors").iterdir() if p
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_error(case: Path, tmp_path: Path, update_golden: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_expected_error(case: Path, tmp_path: Path, update_golden: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "work"
-    ignored = shutil.ignore_patterns("command", "environment", "expected.txt", "__pycache__")
-    shutil.copytree(case, folder, ignore=ignored)
+    ignore = shutil.ignore_patterns("command", "environment", "expected.txt", "__pycache__")
+    shutil.copytree(case, folder, ignore=ignore)
     if (case / "environment").is_file():
         for variable in (case / "environment").read_text().splitlines():
             monkeypatch.setenv(*variable.split("=", 1))
     if (folder / "inputs.py").is_file():
-        typed(["python", "inputs.py"], folder)
+        run_command(["python", "inputs.py"], folder)
     before = tree(folder)
-    result = typed(shlex.split((case / "command").read_text()), folder)
+    result = run_command(shlex.split((case / "command").read_text()), folder)
     stderr = re.sub(r"; existing: .*", "; there are none", result.stderr)  # regions of other tests
     result = result._replace(stderr=stderr.replace(sys.prefix, "/opt/venv"))
     if update_golden:
@@ -45,15 +45,15 @@ def test_error(case: Path, tmp_path: Path, update_golden: bool, monkeypatch: pyt
     assert tree(folder) == before
 
 
-def test_examples_of_the_docs_are_real() -> None:
+def test_examples_of_the_docs_occur_in_the_cases() -> None:
     docs = (REPOSITORY / "src" / "shmgen" / "diagnostics.md").read_text(encoding="utf-8")
     examples = re.findall(r"^```\n([^\n`]+: error\[.+?)^```$", docs, re.MULTILINE | re.DOTALL)
     assert len(examples) == len(CODES)
-    said = "".join((case / "expected.txt").read_text(encoding="utf-8") for case in CASES)
-    assert [example for example in examples if example not in said] == []
+    outputs = "".join((case / "expected.txt").read_text(encoding="utf-8") for case in CASES)
+    assert [example for example in examples if example not in outputs] == []
 
 
-def typed(command: list[str], folder: Path) -> Result:
+def run_command(command: list[str], folder: Path) -> Result:
     if command[0] == "shmgen":
         return run(command[1:], folder)
     assert command[0] == "python"

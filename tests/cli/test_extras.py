@@ -1,4 +1,4 @@
-"""A command that needs an extra says which one and what to type where it is missing; no other command needs one."""
+"""Check that a command names its missing extra and the pip command, and that other commands need no extras."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MODULES = {"eclipse_zenoh": "zenoh"}
 TOPIC = '[[topics]]\ntopic = "/cell/goal"\ntype = "geometry_msgs/Point"\n'
 
 
-def without(extras: tuple[str, ...], words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Of a Python in which the packages of these extras are not."""
-    names = [re.split(r"[^\w-]", need)[0].replace("-", "_") for extra in extras for need in EXTRAS[extra]]
+def run_without(extras: tuple[str, ...], words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run shmgen in a Python in which the packages of these extras cannot be imported."""
+    names = [re.split(r"[^\w-]", requirement)[0].replace("-", "_") for extra in extras for requirement in EXTRAS[extra]]
     code = f"import sys; sys.modules.update(dict.fromkeys({[MODULES.get(name, name) for name in names]}))\n"
     code += "from shmgen.cli.main import main; main()"
     (folder / "shmgen.toml").write_text(TOPIC)
@@ -36,19 +36,19 @@ def without(extras: tuple[str, ...], words: list[str], folder: Path) -> subproce
         ("zenoh", ["bridge", "--backend", "zenoh"], "`pip install eclipse-zenoh xxhash`"),
     ],
 )
-def test_it_names_itself(extra: str, words: list[str], line: str, tmp_path: Path) -> None:
-    done = without((extra,), words, tmp_path)
-    assert done.returncode == 1
-    assert line in done.stderr
-    assert "Traceback" not in done.stderr
+def test_missing_extra_is_named(extra: str, words: list[str], line: str, tmp_path: Path) -> None:
+    result = run_without((extra,), words, tmp_path)
+    assert result.returncode == 1
+    assert line in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 @pytest.mark.slow
-def test_bags_need_none(tmp_path: Path, topic: str) -> None:
-    """Nothing would be saved: what they read and write with, the definitions need too."""
+def test_bags_require_no_extra(tmp_path: Path, topic: str) -> None:
+    """Use bags without extras: their dependencies are also dependencies of the definitions."""
     extras = ("view", "dds", "zenoh")
-    assert without(extras, ["pub", "--once", topic, "std_msgs/Bool", "data: true"], tmp_path).returncode == 0
-    assert without(extras, ["record", topic, "-d", "0.3", "-o", "bag"], tmp_path).returncode == 0
-    done = without(extras, ["play", "bag"], tmp_path)
-    assert "pip install" not in done.stderr
-    assert "Traceback" not in done.stderr
+    assert run_without(extras, ["pub", "--once", topic, "std_msgs/Bool", "data: true"], tmp_path).returncode == 0
+    assert run_without(extras, ["record", topic, "-d", "0.3", "-o", "bag"], tmp_path).returncode == 0
+    result = run_without(extras, ["play", "bag"], tmp_path)
+    assert "pip install" not in result.stderr
+    assert "Traceback" not in result.stderr

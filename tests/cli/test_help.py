@@ -1,4 +1,4 @@
-"""The help of `shmgen` and of its commands on a terminal of 80 columns."""
+"""Test the help of `shmgen` and of its commands on a terminal of 80 columns."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ COMMANDS = [name for names in GROUPS.values() for name in names]
 
 
 @pytest.fixture(autouse=True)
-def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
 
 
-def test_commands_are_in_groups_each_on_one_line(tmp_path: Path) -> None:
-    shown = run(["--help"], tmp_path).stdout
-    titles = re.findall(r"^(\w[\w ]+):$", shown, re.MULTILINE)
+def test_help_lists_commands_in_groups(tmp_path: Path) -> None:
+    text = run(["--help"], tmp_path).stdout
+    titles = re.findall(r"^(\w[\w ]+):$", text, re.MULTILINE)
     assert titles == ["Options", "Generate", "Check", "Bridge", "Live", "Record and view", "PLC", "Setup"]
-    rows = re.findall(r"^  (\w+) {2,}([A-Z].+\.)$", shown.partition("\nGenerate:\n")[2], re.MULTILINE)
+    rows = re.findall(r"^  (\w+) {2,}([A-Z].+\.)$", text.partition("\nGenerate:\n")[2], re.MULTILINE)
     assert [name for name, _ in rows] == COMMANDS
     assert len(set(COMMANDS)) == len(COMMANDS)
-    assert [line for line in shown.splitlines() if len(line) > 80] == []
+    assert [line for line in text.splitlines() if len(line) > 80] == []
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_line_of_a_command_is_too_long(tmp_path: Path, command: str) -> None:
+def test_help_lines_fit_80_columns(tmp_path: Path, command: str) -> None:
     lines = run([command, "--help"], tmp_path).stdout.splitlines()
     assert [line for line in lines if len(line) > 80] == []
 
 
-def test_each_target_has_a_line(tmp_path: Path) -> None:
-    shown = run(["generate", "--help"], tmp_path).stdout.partition("  Targets")[2]
-    assert tuple(re.findall(r"^    [* ] (\w+) ", shown, re.MULTILINE)) == KEYS
+def test_help_of_generate_lists_all_targets(tmp_path: Path) -> None:
+    text = run(["generate", "--help"], tmp_path).stdout.partition("  Targets")[2]
+    assert tuple(re.findall(r"^    [* ] (\w+) ", text, re.MULTILINE)) == KEYS
 
 
-def test_the_reference_has_the_same_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reference_has_the_groups_of_the_help(monkeypatch: pytest.MonkeyPatch) -> None:
     import_or_skip("mkdocs", reason="no mkdocs: make site installs it")
     monkeypatch.syspath_prepend(str(REPOSITORY / "docs" / "site"))
     import hooks  # type: ignore[import-not-found]

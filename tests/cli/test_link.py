@@ -1,4 +1,4 @@
-"""`generate --link`: what another run has written keeps its bounds, and is not written again; and `--only`."""
+"""Test `generate --link`, which keeps and does not regenerate the messages of another run, and `--only`."""
 
 from __future__ import annotations
 
@@ -39,62 +39,62 @@ def folder(tmp_path: Path) -> Path:
 
 def lock(folder: Path) -> lockfile.Lock:
     report = Report()
-    found = lockfile.read((folder / "layout.lock").read_text(), "", report)
+    lock_file = lockfile.read((folder / "layout.lock").read_text(), "", report)
     assert not report.diagnostics
-    return found
+    return lock_file
 
 
-def test_what_is_linked_is_the_same_and_not_written_again(folder: Path) -> None:
+def test_linked_messages_are_equal_and_not_regenerated(folder: Path) -> None:
     assert run(LINKED, folder) == (0, "", "")
-    theirs, ours = lock(folder / ARM), lock(folder / "generated")
-    assert ours.messages["arm_msgs/msg/Arm"] == theirs.messages["arm_msgs/msg/Arm"]
-    assert ours.messages["cell_msgs/msg/Cell"].fields["name"].type == "string<=80"  # its own run's default
-    assert {path for path in ours.files if "cell_msgs" not in path} == {
+    arm_lock, cell_lock = lock(folder / ARM), lock(folder / "generated")
+    assert cell_lock.messages["arm_msgs/msg/Arm"] == arm_lock.messages["arm_msgs/msg/Arm"]
+    assert cell_lock.messages["cell_msgs/msg/Cell"].fields["name"].type == "string<=80"  # the default of its own run
+    assert {path for path in cell_lock.files if "cell_msgs" not in path} == {
         "plcopen/import_shmgen.py",
         "plcopen/shmgen.xml",
     }
-    assert not set(ours.files) & set(theirs.files) - {"plcopen/import_shmgen.py", "plcopen/shmgen.xml"}
-    assert "FB_arm_msgs_Arm_Publisher" in (folder / "generated/plcopen/shmgen.xml").read_text()  # one file is imported
+    assert not set(cell_lock.files) & set(arm_lock.files) - {"plcopen/import_shmgen.py", "plcopen/shmgen.xml"}
+    assert "FB_arm_msgs_Arm_Publisher" in (folder / "generated/plcopen/shmgen.xml").read_text()  # the file to import
     source = '#include "shm_msgs/cell_msgs/msg/cell.hpp"\nshm_msgs::arm_msgs::msg::ArmPublisher *one;\n'
     command = ["g++", "-std=c++17", "-fsyntax-only", "-xc++", "-", "-Igenerated/cpp", f"-I{ARM}/cpp"]
-    done = subprocess.run(command, cwd=folder, input=source, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    result = subprocess.run(command, cwd=folder, input=source, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("toml", "change"),
     [
         ('[bounds]\n"arm_msgs/Arm.joints" = 7\n', "joints   count 6 -> 7"),
         ('[types]\ntime = "LTIME"\n', "header            grew 48 -> 56"),
     ],
 )
-def test_another_layout_is_refused_with_the_field(folder: Path, words: str, said: str) -> None:
-    put({"shmgen.toml": words}, folder)
-    done = run(LINKED, folder)
-    assert done.code == 1
-    assert f"{ARM}/layout.lock: error[SHM401]: layout of arm_msgs/Arm changed" in done.stderr
-    assert f"\n  {said}" in done.stderr
+def test_different_layout_is_rejected_with_the_field(folder: Path, toml: str, change: str) -> None:
+    put({"shmgen.toml": toml}, folder)
+    result = run(LINKED, folder)
+    assert result.code == 1
+    assert f"{ARM}/layout.lock: error[SHM401]: layout of arm_msgs/Arm changed" in result.stderr
+    assert f"\n  {change}" in result.stderr
     assert not (folder / "generated").exists()
 
 
-def test_a_folder_without_lock_is_named(folder: Path) -> None:
-    done = run([*LINKED[:-1], "cell_msgs"], folder)
-    assert (done.code, done.stderr.splitlines()[0]) == (1, "cell_msgs: error[SHM407]: layout.lock is missing")
+def test_linked_folder_without_lock_is_reported(folder: Path) -> None:
+    result = run([*LINKED[:-1], "cell_msgs"], folder)
+    assert (result.code, result.stderr.splitlines()[0]) == (1, "cell_msgs: error[SHM407]: layout.lock is missing")
 
 
-def test_only_removes_what_was_asked_for_before(folder: Path) -> None:
-    ask = ["generate", "-q", "-t", "c", "-I", "arm_msgs"]
-    for command in ([*ask, "arm_msgs/Joint"], [*ask, "std_msgs/Bool"]):
+def test_only_removes_former_requests(folder: Path) -> None:
+    command_line = ["generate", "-q", "-t", "c", "-I", "arm_msgs"]
+    for command in ([*command_line, "arm_msgs/Joint"], [*command_line, "std_msgs/Bool"]):
         assert run(command, folder).code == 0
     assert lock(folder / "generated").requested == ("arm_msgs/msg/Joint", "std_msgs/msg/Bool")
-    (folder / "arm_msgs/msg/Joint.msg").unlink()  # nor does it fail for what is no more
-    assert run([*ask, "--only", "std_msgs/Bool"], folder) == (0, "", "")
+    (folder / "arm_msgs/msg/Joint.msg").unlink()  # a missing former request is not an error
+    assert run([*command_line, "--only", "std_msgs/Bool"], folder) == (0, "", "")
     assert lock(folder / "generated").requested == ("std_msgs/msg/Bool",)
     assert not (folder / "generated/c/shm_msgs/arm_msgs").exists()
 
 
-def test_the_linked_lock_is_looked_at_each_time(folder: Path) -> None:
-    """It is in the depfile, and no answer from the cache outlives it."""
+def test_linked_lock_is_read_in_each_run(folder: Path) -> None:
+    """List the linked lock in the depfile, and discard cached output if the lock changes."""
     command = [*LINKED, "--depfile", "X.d"]
     for _ in range(3):
         assert run(command, folder).code == 0

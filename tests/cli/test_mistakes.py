@@ -1,4 +1,4 @@
-"""The mistakes that users typically make: what it is that is wrong, where, and what to do, in each."""
+"""Test the diagnostics of typical mistakes: the problem, the position and the hint."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ..support.build import put
 from ..support.command import run
 
 FOO, TOML = "msgs/demo_msgs/msg/Foo.msg", "shmgen.toml"
-HERE = 'path = ["msgs"]\nmessages = ["demo_msgs/Foo"]\n'
+FOO_ONLY = 'path = ["msgs"]\nmessages = ["demo_msgs/Foo"]\n'
 TOPIC = '[[topics]]\ntopic = "/a"\ntype = "demo_msgs/Foo"\ndirection = "to_plc"\n'
 
 DEFINITIONS = [
-    # a line of a .msg; column; what is wrong; what to do
+    # a line of a .msg; column; code; hint
     ("float64 x;", 9, "SHM202", "remove the `;`"),
     ("float64 x // speed", 11, "SHM006", "begin a comment with `#`"),
     ("// speed of the belt", 1, "SHM003", "begin a comment with `#`"),
@@ -61,7 +61,7 @@ DEFINITIONS = [
     ("sequence<double> data", 1, "SHM003", "write a sequence as `T[]`"),
 ]
 CONFIGURATIONS = [
-    # shmgen.toml; line and column; what is wrong; what to do
+    # shmgen.toml; line and column; code; hint
     ('path = ["gone"]\nmessages = ["demo_msgs"]\n', "1:10", "SHM001", "correct `path`"),
     ('mesages = ["demo_msgs"]\n', "1:1", "SHM501", "did you mean messages?"),
     ('path = ["msgs"]\nmessages = ["demo_msgs.msg.Foo"]\n', "2:14", "SHM004", "did you mean `demo_msgs/msg/Foo`?"),
@@ -72,14 +72,14 @@ CONFIGURATIONS = [
     ("messages:\n  - demo_msgs\n", "1:9", "SHM503", "write `=` after the key"),
     ('messages = ["demo_msgs" "std_msgs"]\n', "1:25", "SHM503", "put a comma between"),
     ('path = ["C:\\msgs"]\n', "1:14", "SHM503", "write `/` in paths"),
-    (HERE + 'path = ["msgs"]\n', "3:", "SHM503", "this key is set twice"),
-    (HERE + 'targets = ["pyhton"]\n', "3:1", "SHM502", "did you mean python?"),
-    (HERE + "[bounds]\ndemo_msgs/Foo.x = 4\n", "4:10", "SHM503", "put a key with a slash in quotes"),
+    (FOO_ONLY + 'path = ["msgs"]\n', "3:", "SHM503", "this key is set twice"),
+    (FOO_ONLY + 'targets = ["pyhton"]\n', "3:1", "SHM502", "did you mean python?"),
+    (FOO_ONLY + "[bounds]\ndemo_msgs/Foo.x = 4\n", "4:10", "SHM503", "put a key with a slash in quotes"),
     ('[bounds]\nmessages = ["demo_msgs"]\n', "2:1", "SHM502", "move it above [bounds]"),
-    (HERE + TOPIC.replace("[[topics]]", "[[topic]]"), "3:3", "SHM501", "did you mean topics?"),
+    (FOO_ONLY + TOPIC.replace("[[topics]]", "[[topic]]"), "3:3", "SHM501", "did you mean topics?"),
 ]
 COMMANDS = [
-    # a command line; what it is told; what to do
+    # a command line; the error; hint
     ("genrate demo_msgs", "no command is called 'genrate'", "did you mean `shmgen generate`?"),
     ("topic list", "no command is called 'topic'", "did you mean `shmgen topics`?"),
     ("help", "no command is called 'help'", "did you mean `shmgen --help`?"),
@@ -103,7 +103,7 @@ COMMANDS = [
 
 
 IN_IDL = [
-    # a member of a struct in an .idl; what is wrong; what to do
+    # a member of a struct in an .idl; code; hint
     ("int x;", "SHM004", "did you mean `int32`?"),
     ("float64 x;", "SHM004", "did you mean `double`?"),
     ("LREAL x;", "SHM004", "did you mean `double`?"),
@@ -127,23 +127,23 @@ IN_IDL = [
 
 
 @needs_rosidl
-@pytest.mark.parametrize(("member", "what", "do"), IN_IDL, ids=[member for member, *_ in IN_IDL])
-def test_in_an_idl_the_hint_is_in_its_language(tmp_path: Path, member: str, what: str, do: str) -> None:
+@pytest.mark.parametrize(("member", "error", "hint"), IN_IDL, ids=[member for member, *_ in IN_IDL])
+def test_hint_for_an_idl_uses_idl_syntax(tmp_path: Path, member: str, error: str, hint: str) -> None:
     enum = "enum Mode { ONE, TWO };"
     text = f"module demo_msgs {{ module msg {{ {enum} struct Foo {{\n{member}\n}}; }}; }};\n"
     put({"msgs/demo_msgs/msg/Foo.idl": text}, tmp_path)
-    said = run(["show", "demo_msgs/Foo", "-I", "msgs"], tmp_path)
-    assert f"error[{what}]: " in said.stderr.splitlines()[0], said.stderr
-    assert do in said.stderr.partition("  hint: ")[2], said.stderr
-    assert "remove the `;`" not in said.stderr
-    assert "package/Name" not in said.stderr
+    result = run(["show", "demo_msgs/Foo", "-I", "msgs"], tmp_path)
+    assert f"error[{error}]: " in result.stderr.splitlines()[0], result.stderr
+    assert hint in result.stderr.partition("  hint: ")[2], result.stderr
+    assert "remove the `;`" not in result.stderr
+    assert "package/Name" not in result.stderr
 
 
 @needs_rosidl
-def test_a_msg_in_an_idl_is_named_as_such(tmp_path: Path) -> None:
+def test_msg_syntax_in_an_idl_is_reported(tmp_path: Path) -> None:
     put({"msgs/demo_msgs/msg/Foo.idl": "float64 x\n"}, tmp_path)
-    said = run(["show", "demo_msgs/Foo", "-I", "msgs"], tmp_path).stderr
-    assert "write `module package { module msg {" in said
+    result = run(["show", "demo_msgs/Foo", "-I", "msgs"], tmp_path).stderr
+    assert "write `module package { module msg {" in result
 
 
 WORDS = [
@@ -165,46 +165,46 @@ WORDS = [
 
 
 @pytest.mark.parametrize("word", WORDS)
-def test_no_hint_proposes_the_message_itself_or_what_was_typed(tmp_path: Path, word: str) -> None:
+def test_hint_suggests_neither_the_message_nor_the_input(tmp_path: Path, word: str) -> None:
     put({FOO: f"{word} x\n", "msgs/demo_msgs/msg/Bar.msg": "int8 x\n"}, tmp_path)
     for name in ("Foo", "F", "A"):
         put({f"msgs/demo_msgs/msg/{name}.msg": f"{word} x\n"}, tmp_path)
         for command in (["show", f"demo_msgs/{name}"], ["show", word], ["show", f"demo_msgs/{word}"]):
-            said = run([*command, "-I", "msgs"], tmp_path).stderr
-            proposed = re.findall(r"`([\w/]+)`", "".join(re.findall("did you mean (.*)", said)))
-            typed = {command[1]} if said.startswith(command[1]) else {word, f"demo_msgs/{word}"}
-            assert not typed & {*proposed}, said
-            assert f"field: demo_msgs/{name}.x" not in said or f"demo_msgs/{name}" not in proposed, said
+            result = run([*command, "-I", "msgs"], tmp_path).stderr
+            suggestions = re.findall(r"`([\w/]+)`", "".join(re.findall("did you mean (.*)", result)))
+            inputs = {command[1]} if result.startswith(command[1]) else {word, f"demo_msgs/{word}"}
+            assert not inputs & {*suggestions}, result
+            assert f"field: demo_msgs/{name}.x" not in result or f"demo_msgs/{name}" not in suggestions, result
 
 
 @given(strategies.sampled_from(WORDS), strategies.lists(strategies.sampled_from(WORDS)))
-def test_the_closest_of_many_is_another_one(word: str, known: list[str]) -> None:
+def test_closest_name_differs_from_the_word(word: str, known: list[str]) -> None:
     assert closest(word, known, 0) != word
 
 
-@pytest.mark.parametrize(("line", "column", "what", "do"), DEFINITIONS, ids=[line for line, *_ in DEFINITIONS])
-def test_in_a_definition(tmp_path: Path, line: str, column: int, what: str, do: str) -> None:
+@pytest.mark.parametrize(("line", "column", "error", "hint"), DEFINITIONS, ids=[line for line, *_ in DEFINITIONS])
+def test_mistake_in_a_definition(tmp_path: Path, line: str, column: int, error: str, hint: str) -> None:
     put({FOO: f"# A message.\n{line}\n"}, tmp_path)
-    said = run(["generate", "demo_msgs", "-I", "msgs", "-q"], tmp_path)
-    assert said.code == 1
-    assert said.stderr.startswith(f"{FOO}:2:{column}: error[{what}]: "), said.stderr
-    assert do in said.stderr.partition("  hint: ")[2], said.stderr
+    result = run(["generate", "demo_msgs", "-I", "msgs", "-q"], tmp_path)
+    assert result.code == 1
+    assert result.stderr.startswith(f"{FOO}:2:{column}: error[{error}]: "), result.stderr
+    assert hint in result.stderr.partition("  hint: ")[2], result.stderr
 
 
-@pytest.mark.parametrize(("text", "place", "what", "do"), CONFIGURATIONS, ids=[do for *_, do in CONFIGURATIONS])
-def test_in_the_configuration(tmp_path: Path, text: str, place: str, what: str, do: str) -> None:
+@pytest.mark.parametrize(("text", "place", "error", "hint"), CONFIGURATIONS, ids=[hint for *_, hint in CONFIGURATIONS])
+def test_mistake_in_the_configuration(tmp_path: Path, text: str, place: str, error: str, hint: str) -> None:
     put({FOO: "float64 x\n", TOML: text}, tmp_path)
-    said = run(["generate", "-q"], tmp_path)
-    assert said.code == 1
-    assert said.stderr.startswith(f"{TOML}:{place}"), said.stderr
-    assert f"error[{what}]: " in said.stderr.splitlines()[0]
-    assert do in said.stderr.partition("  hint: ")[2], said.stderr
+    result = run(["generate", "-q"], tmp_path)
+    assert result.code == 1
+    assert result.stderr.startswith(f"{TOML}:{place}"), result.stderr
+    assert f"error[{error}]: " in result.stderr.splitlines()[0]
+    assert hint in result.stderr.partition("  hint: ")[2], result.stderr
 
 
-@pytest.mark.parametrize(("line", "what", "do"), COMMANDS, ids=[line for line, *_ in COMMANDS])
-def test_on_the_command_line(tmp_path: Path, line: str, what: str, do: str) -> None:
+@pytest.mark.parametrize(("line", "error", "hint"), COMMANDS, ids=[line for line, *_ in COMMANDS])
+def test_mistake_on_the_command_line(tmp_path: Path, line: str, error: str, hint: str) -> None:
     put({FOO: "float64 x\n"}, tmp_path)
-    said = run(shlex.split(line), tmp_path)
-    assert (said.code in (1, 2), said.stdout) == (True, "")
-    assert what in said.stderr
-    assert do in said.stderr
+    result = run(shlex.split(line), tmp_path)
+    assert (result.code in (1, 2), result.stdout) == (True, "")
+    assert error in result.stderr
+    assert hint in result.stderr

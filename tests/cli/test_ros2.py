@@ -1,4 +1,4 @@
-"""`ros2 shm`: the ros2 command line finds the command by its entry point, and all words are shmgen's."""
+"""Test `ros2 shm`: the ros2 command line finds its entry point, and forwards all words to shmgen."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ..support import ros2
 from ..support.command import run
 
 
-def asked(words: Sequence[str]) -> list[str]:
-    """What shmgen gets of `ros2 shm words…`, as ros2cli parses a command line: a parser in a parser."""
+def forwarded_words(words: Sequence[str]) -> list[str]:
+    """Return the words that shmgen receives from `ros2 shm words…`. Like ros2cli, use a parser inside a parser."""
     (entry,) = entry_points(group="ros2cli.command", name="shm")
     extension = entry.load()()
     parser = argparse.ArgumentParser(prog="ros2")
@@ -31,29 +31,29 @@ def asked(words: Sequence[str]) -> list[str]:
     "words",
     ["", "topics", "topics --json", "-h", "--version", "echo -h", "echo /a -n 3 --field -- x", "pub /a b/C 'x: -1'"],
 )
-def test_every_word_reaches_shmgen(words: str) -> None:
-    assert asked(words.split()) == words.split()
+def test_all_words_are_forwarded_to_shmgen(words: str) -> None:
+    assert forwarded_words(words.split()) == words.split()
 
 
-def test_the_ros2_command_line_itself(tmp_path: Path, topic: str) -> None:
-    """ros2cli is in no package index; SHMGEN_ROS2CLI names a folder to import it from, a sourced ROS has it."""
+def test_ros2_command_line_runs_shmgen(tmp_path: Path, topic: str) -> None:
+    """Use the ros2cli of a sourced ROS or of SHMGEN_ROS2CLI, because no package index contains ros2cli."""
     python = ros2.prefix("jazzy") / "bin" / "python"
     folders = [os.environ.get("SHMGEN_ROS2CLI", ""), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": ":".join(filter(None, folders))}
 
-    def said(*words: str) -> tuple[int, str]:
+    def run_ros2(*words: str) -> tuple[int, str]:
         code = "import sys; from ros2cli.cli import main; sys.argv[0] = 'ros2'; sys.exit(main())"
         command = [python, "-c", code, *words]
-        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
-        return done.returncode, done.stdout + done.stderr
+        result = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return result.returncode, result.stdout + result.stderr
 
-    if said("-h")[0] and "No module named 'ros2cli'" in said("-h")[1]:
-        pytest.skip("no ros2cli: source a ROS 2 that has it, or name the folder that it is in in SHMGEN_ROS2CLI")
+    if run_ros2("-h")[0] and "No module named 'ros2cli'" in run_ros2("-h")[1]:
+        pytest.skip("no ros2cli: source a ROS 2 that contains ros2cli, or set SHMGEN_ROS2CLI to its folder")
     assert run(["pub", topic, "std_msgs/Int32", "data: -7", "--once"], tmp_path).code == 0
-    assert said("shm", "echo", topic, "--once") == (0, "data: -7\n---\n")
-    assert said("shm", "topics", "--json")[1].count(topic) == 1
-    code, text = said("shm", "echo", "-h")
+    assert run_ros2("shm", "echo", topic, "--once") == (0, "data: -7\n---\n")
+    assert run_ros2("shm", "topics", "--json")[1].count(topic) == 1
+    code, text = run_ros2("shm", "echo", "-h")
     assert (code, text.splitlines()[0]) == (0, "Usage: ros2 shm echo [OPTIONS] TOPIC")
-    code, text = said("shm", "hz")
+    code, text = run_ros2("shm", "hz")
     assert (code, "Error: Missing argument 'TOPIC'." in text) == (2, True)
-    assert re.search("^ *shm +Look at shared memory between ROS and PLCs", said()[1], re.MULTILINE)
+    assert re.search("^ *shm +Look at shared memory between ROS and PLCs", run_ros2()[1], re.MULTILINE)

@@ -1,4 +1,4 @@
-"""`shmgen init`: what it finds in a folder, what it writes, and that it touches nothing that exists."""
+"""Test `shmgen init`: the packages that it finds, the files that it writes, and that it keeps existing files."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ PACKAGES = {
 }
 
 
-def begun(folder: Path, *options: str) -> str:
+def run_init(folder: Path, *options: str) -> str:
     result = run(["init", *options], folder)
     assert (result.code, result.stderr) == (0, ""), result.stderr
     return result.stdout
 
 
-def test_it_lists_packages_and_what_must_be_bounded(tmp_path: Path) -> None:
+def test_init_lists_packages_and_unbounded_sequences(tmp_path: Path) -> None:
     write(tmp_path, PACKAGES)
-    assert begun(tmp_path).splitlines() == [
+    assert run_init(tmp_path).splitlines() == [
         "shmgen.toml written",
         "found demo_msgs, robot_msgs; 3 sequences hold at most 32, unless [bounds] says otherwise",
         "",
@@ -56,48 +56,48 @@ def test_it_lists_packages_and_what_must_be_bounded(tmp_path: Path) -> None:
     assert run(["check"], tmp_path).code == 0
 
 
-def test_a_package_is_a_place_to_start_too(tmp_path: Path) -> None:
+def test_init_works_in_a_package(tmp_path: Path) -> None:
     folder = tmp_path / "demo_msgs"
     write(folder, {"package.xml": "<package><name>demo_msgs</name></package>", "msg/Arm.msg": "int8 a\n"})
-    assert "found demo_msgs\n" in begun(folder)
+    assert "found demo_msgs\n" in run_init(folder)
     assert run(["generate"], folder).code == 0
 
 
-def test_a_catkin_package_is_read_as_ros_1(tmp_path: Path) -> None:
+def test_init_reads_a_catkin_package_as_ros1(tmp_path: Path) -> None:
     manifest = "<package><name>old_msgs</name><buildtool_depend>catkin</buildtool_depend></package>"
     write(tmp_path, {"old_msgs/package.xml": manifest, "old_msgs/msg/Arm.msg": "Header header\nint8 aB\n"})
-    begun(tmp_path)
+    run_init(tmp_path)
     assert run(["generate"], tmp_path).code == 0
 
 
-def test_an_empty_folder(tmp_path: Path) -> None:
-    said = begun(tmp_path)
-    assert "no message package is in this folder" in said
-    assert said.endswith("next:\n  shmgen list\n  shmgen generate\n")
+def test_init_in_an_empty_folder(tmp_path: Path) -> None:
+    output = run_init(tmp_path)
+    assert "no message package is in this folder" in output
+    assert output.endswith("next:\n  shmgen list\n  shmgen generate\n")
     assert "error[SHM504]" in run(["generate"], tmp_path).stderr
 
 
 @pytest.mark.parametrize("path", ["shmgen.toml", "pyproject.toml"])
-def test_a_configuration_stays_as_it_is(tmp_path: Path, path: str) -> None:
+def test_init_keeps_an_existing_configuration(tmp_path: Path, path: str) -> None:
     write(tmp_path, {**PACKAGES, path: "[tool.shmgen]\n", init.HOOK_FILE: "repos: []\n", init.CI_FILE: "name: CI\n"})
     before = tree(tmp_path)
-    said = begun(tmp_path, "--hook", "--ci", "--from", SOURCE)
-    assert f"{path} has a configuration, and is left as it is" in said
-    assert init.HOOK in said
-    assert init.CI.format(requirement=SOURCE) in said
+    output = run_init(tmp_path, "--hook", "--ci", "--from", SOURCE)
+    assert f"{path} has a configuration, and is left as it is" in output
+    assert init.HOOK in output
+    assert init.CI.format(requirement=SOURCE) in output
     assert tree(tmp_path) == before
 
 
-def test_hook_and_ci_are_added(tmp_path: Path) -> None:
+def test_init_adds_hook_and_ci(tmp_path: Path) -> None:
     write(tmp_path, PACKAGES)
-    assert "  pre-commit install " in begun(tmp_path, "--hook", "--ci", "--from", SOURCE)  # else no commit is stopped
-    assert "pre-commit" not in begun(tmp_path)
+    assert "  pre-commit install " in run_init(tmp_path, "--hook", "--ci", "--from", SOURCE)  # installs the hook
+    assert "pre-commit" not in run_init(tmp_path)
     assert (tmp_path / init.HOOK_FILE).read_text() == init.HOOK
     assert (tmp_path / init.CI_FILE).read_text() == init.CI.format(requirement=SOURCE)
 
 
 @pytest.mark.parametrize(
-    ("noted", "requirement"),
+    ("direct_url", "requirement"),
     [
         (None, f"shmgen[idl]=={__version__}"),
         ({"url": "https://h.org/shmgen", "vcs_info": {"vcs": "git", "commit_id": "ab12"}}, "shmgen[idl] @ git+https://h.org/shmgen@ab12"),
@@ -106,15 +106,15 @@ def test_hook_and_ci_are_added(tmp_path: Path) -> None:
         ({"url": "file:///tmp/shmgen-1.whl", "archive_info": {}}, None),
     ],
 )  # fmt: skip
-def test_a_ci_installs_what_was_installed_here(
-    monkeypatch: pytest.MonkeyPatch, noted: dict[str, Any] | None, requirement: str | None
+def test_ci_installs_the_installed_version(
+    monkeypatch: pytest.MonkeyPatch, direct_url: dict[str, Any] | None, requirement: str | None
 ) -> None:
-    text = noted and json.dumps(noted)
+    text = direct_url and json.dumps(direct_url)
     monkeypatch.setattr(install_source, "distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
     assert install_source.requirement() == requirement
 
 
-def test_a_folder_of_this_machine_is_nothing_for_a_ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ci_cannot_install_a_local_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(install_source, "requirement", lambda: None)
     result = run(["init", "--ci"], tmp_path)
     assert result.code == 2
@@ -122,7 +122,7 @@ def test_a_folder_of_this_machine_is_nothing_for_a_ci(tmp_path: Path, monkeypatc
     assert not tree(tmp_path)
 
 
-def test_a_wrong_definition_is_told_and_nothing_written(tmp_path: Path) -> None:
+def test_invalid_definition_prevents_init(tmp_path: Path) -> None:
     write(tmp_path, {"demo_msgs/msg/Arm.msg": "int8\n"})
     before = tree(tmp_path)
     result = run(["init", "--hook"], tmp_path)
@@ -130,7 +130,7 @@ def test_a_wrong_definition_is_told_and_nothing_written(tmp_path: Path) -> None:
     assert "error[SHM003]" in result.stderr
 
 
-def test_our_hooks_look_at_the_same_files() -> None:
+def test_hooks_check_the_same_files() -> None:
     hooks = (REPOSITORY / ".pre-commit-hooks.yaml").read_text()
     assert hooks.count(f"  files: {init.FILES}\n") == 2
     assert f"        files: {init.FILES}\n" in init.HOOK

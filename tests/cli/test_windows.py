@@ -1,4 +1,4 @@
-"""The PLC engineer's machine: what needs no /dev/shm works without what only Linux has, and writes the same bytes."""
+"""Simulate Windows: commands without /dev/shm work without modules of Linux, and write the same bytes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from shmgen import __version__
 from ..support.command import run, tree
 from .test_cli import write
 
-AS_ON_WINDOWS = """
+WINDOWS_SHIM = """
 import importlib, os, sys
-sys.platform = "darwin"  # click asks for the console of Windows where that is said
+sys.platform = "darwin"  # if the platform is win32, click requires the console of Windows
 for name in "curses fcntl grp posix_ipc pty pwd readline resource syslog termios tty".split():
     sys.modules[name] = None
 for name in ("O_CLOEXEC", "O_DIRECTORY", "O_NOFOLLOW", "O_NONBLOCK", "geteuid", "getuid", "getgid"):
@@ -50,41 +50,41 @@ FILES = {
 }
 
 
-def test_it_works_without_what_only_linux_has(tmp_path: Path) -> None:
-    here, there = tmp_path / "here", tmp_path / "there"
-    for folder in (here, there):
+def test_commands_work_without_modules_of_linux(tmp_path: Path) -> None:
+    linux, windows = tmp_path / "here", tmp_path / "there"
+    for folder in (linux, windows):
         write(folder, FILES)
     for command in COMMANDS:
-        assert run(command.split(), here).code in (0, 1), command
+        assert run(command.split(), linux).code in (0, 1), command
     live = ["doctor", "echo /a", "top", "bridge"]
-    done = subprocess.run(
-        [sys.executable, "-c", AS_ON_WINDOWS],
+    process = subprocess.run(
+        [sys.executable, "-c", WINDOWS_SHIM],
         input="\n".join([*COMMANDS, "--help", *live]),
-        cwd=there,
+        cwd=windows,
         capture_output=True,
         text=True,
         check=True,
         timeout=100,
     )
-    codes = [line for line in done.stdout.splitlines() if line.startswith(("[0] ", "[1] ", "[2] "))]
+    codes = [line for line in process.stdout.splitlines() if line.startswith(("[0] ", "[1] ", "[2] "))]
     expected = [f"[0] {command}" for command in (*COMMANDS, "--help")]
-    assert codes == [*expected, *(f"[1] {command}" for command in live)], done.stderr
-    assert tree(there) == tree(here), "the same bytes"
-    said = [line for line in done.stderr.splitlines() if "/dev/shm" in line]
+    assert codes == [*expected, *(f"[1] {command}" for command in live)], process.stderr
+    assert tree(windows) == tree(linux), "both write the same bytes"
+    errors = [line for line in process.stderr.splitlines() if "/dev/shm" in line]
     place = "works on regions in /dev/shm, which only Linux has"
-    assert said == [f"command line: error[SHM702]: `shmgen {command.split()[0]}` {place}" for command in live]
+    assert errors == [f"command line: error[SHM702]: `shmgen {command.split()[0]}` {place}" for command in live]
 
 
 @pytest.mark.slow
-def test_no_command_of_help_is_a_fault_of_ours(tmp_path: Path) -> None:
-    """Each as it is typed first: by itself, with something behind it, and --help of it."""
-    listed = run(["--help"], tmp_path).stdout.partition("Generate:\n")[2]
-    names = re.findall(r"^  (\w+)", listed, re.MULTILINE)
+def test_no_command_has_an_internal_error(tmp_path: Path) -> None:
+    """Run each command without arguments, with arguments and with --help."""
+    command_list = run(["--help"], tmp_path).stdout.partition("Generate:\n")[2]
+    names = re.findall(r"^  (\w+)", command_list, re.MULTILINE)
     assert len(names) >= 25
-    lines = [f"{name}{more}" for name in names for more in ("", " /a x", " --help")]
+    lines = [f"{name}{arguments}" for name in names for arguments in ("", " /a x", " --help")]
     lines += ["--version", "view -t", "record --all", "completion bash", "show 16#BB4625C354F90C85"]
-    done = subprocess.run(
-        [sys.executable, "-c", AS_ON_WINDOWS],
+    process = subprocess.run(
+        [sys.executable, "-c", WINDOWS_SHIM],
         input="\n".join(lines),
         cwd=tmp_path,
         capture_output=True,
@@ -92,12 +92,12 @@ def test_no_command_of_help_is_a_fault_of_ours(tmp_path: Path) -> None:
         check=True,
         timeout=100,
     )
-    codes = [line for line in done.stdout.splitlines() if line.startswith(("[0] ", "[1] ", "[2] "))]
-    assert [code[4:] for code in codes] == lines, done.stderr
-    assert "SHM901" not in done.stderr
-    assert f"shmgen, version {__version__}\n[0] --version\n" in done.stdout
-    assert "_shmgen_completion" in done.stdout
-    here = {
+    codes = [line for line in process.stdout.splitlines() if line.startswith(("[0] ", "[1] ", "[2] "))]
+    assert [code[4:] for code in codes] == lines, process.stderr
+    assert "SHM901" not in process.stderr
+    assert f"shmgen, version {__version__}\n[0] --version\n" in process.stdout
+    assert "_shmgen_completion" in process.stdout
+    portable = {
         "check",
         "completion",
         "diff",
@@ -111,23 +111,23 @@ def test_no_command_of_help_is_a_fault_of_ours(tmp_path: Path) -> None:
         "show",
         "types",
     }
-    stopped = {line.split()[1] for line in codes if line.startswith("[1]") and line.endswith(" /a x")}
-    assert stopped - here == set(names) - here
+    rejected = {line.split()[1] for line in codes if line.startswith("[1]") and line.endswith(" /a x")}
+    assert rejected - portable == set(names) - portable
     assert {f"[0] {name} --help" for name in names} <= set(codes)
 
 
-def test_a_checkout_with_cr_lf_is_the_same(tmp_path: Path) -> None:
-    """Git for Windows makes one unless it is told otherwise."""
+def test_checkout_with_crlf_is_up_to_date(tmp_path: Path) -> None:
+    """Accept the line ends that Git for Windows writes by default."""
     toml = 'path = ["msgs"]\nmessages = ["demo_msgs"]\ntargets = ["python", "plcopen", "c", "ros2"]\n'
     topic = '[bounds]\ndefault = 4\n[[topics]]\ntopic = "/arm"\ntype = "demo_msgs/Arm"\n'
     write(tmp_path, FILES | {"shmgen.toml": toml + topic})
     assert run(["generate", "-q"], tmp_path).code == 0
-    written = tree(tmp_path)
-    for path, content in written.items():
+    original = tree(tmp_path)
+    for path, content in original.items():
         if content is not None:
             (tmp_path / path).write_bytes(content.replace(b"\n", b"\r\n"))
     assert run(["check"], tmp_path).stdout.startswith("generated: up to date")
     assert ": 0 files written" in run(["generate"], tmp_path).stdout
     assert run(["generate", "-q", "-o", "again"], tmp_path).code == 0
-    again = {path.replace("again/", "generated/"): text for path, text in tree(tmp_path).items() if "again/" in path}
-    assert again == {path: text for path, text in written.items() if path.startswith("generated/")}
+    other = {path.replace("again/", "generated/"): text for path, text in tree(tmp_path).items() if "again/" in path}
+    assert other == {path: text for path, text in original.items() if path.startswith("generated/")}

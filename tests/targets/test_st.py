@@ -453,10 +453,8 @@ def digests(layouts: Iterable[Layout]) -> set[str]:
 
 
 def test_digests_match_the_layouts(texts: dict[str, str], demo: Layouts) -> None:
-    literals = {
-        word for path, text in texts.items() if "/GVL_" in path for word in re.findall(r"LWORD := (\S+);", text)
-    }
-    assert literals == digests(demo.values())
+    words = {word for path, text in texts.items() if "/GVL_" in path for word in re.findall(r"LWORD := (\S+);", text)}
+    assert words == digests(demo.values())
 
 
 @pytest.mark.slow
