@@ -1,4 +1,4 @@
-"""Proof by bytes: every message of the corpus from Python through generated ST and back, and into the C header."""
+"""Every message of the corpus passes unchanged from Python through generated ST and back, and into the C header."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from shmgen.core.diagnostics import Span
 from ..support import plc_bytes
 
 BOUND = 3
-"""Elements of every sequence that the definitions leave open."""
+"""The bound of all sequences that have no bound in their definitions."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("distribution", "count"), [("noetic", 221), ("jazzy", 624)])
-def test_every_message(
+def test_corpus_messages_pass_through_st_unchanged(
     distribution: str, count: int, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str
 ) -> None:
-    """One test for all of a distribution: compiling it takes 20 s, and 50 s for the larger one."""
+    """Test all messages of a distribution together, because their compilation takes 20 s to 50 s."""
     folder = corpus / distribution
     bounds = Bounds({}, {path.name: Bound(BOUND, Span("shmgen.toml")) for path in folder.iterdir()})
     config = Config(corpus, source=distribution, path=(folder,), package=f"shm_corpus_{distribution}", bounds=bounds)

@@ -1,6 +1,6 @@
-"""A message changes in a running plant: one side after the other is killed, updated and started, and nobody types rm.
+"""Programs in a running plant are killed, updated and started one by one after a message changed. Nobody types rm.
 
-One of three writes, a PLC, the engine in C or the reference in Python; the others read. Clients and servers change too.
+A PLC, the engine in C or the reference in Python writes, and the other two read. Clients and servers change too.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from ..support.machine import slower
 pytestmark = pytest.mark.slow  # two PLCs are translated and compiled
 VERSIONS = {1: "uint32 a\n", 2: "uint32 a\nfloat64[4] b\n"}
 KINDS = ("plc", "c", "pure")
-OTHERWISE = (["LayoutMismatch"], ["DIGEST_MISMATCH"])
-"""What an end says that has another version than the writer."""
+MISMATCHES = (["LayoutMismatch"], ["DIGEST_MISMATCH"])
+"""The reports of an end whose version of the message differs from the writer's version."""
 END = r"""
 import sys, time
 folder, package, side, topic = sys.argv[1:]
@@ -74,7 +74,7 @@ while True:
 
 
 class Process:
-    """An end in Python; `said` are its lines so far."""
+    """An end in Python. `log` contains the lines that the process has printed."""
 
     def __init__(self, folder: Path, package: str, side: str, topic: str, pure: bool) -> None:
         environment = {**os.environ, "SHMGEN_PURE": "1"} if pure else dict(os.environ)
@@ -83,7 +83,7 @@ class Process:
         self._process = subprocess.Popen(command, env=environment, stdout=self._log)
 
     @property
-    def said(self) -> list[str]:
+    def log(self) -> list[str]:
         return Path(self._log.name).read_text().split()
 
     def cycle(self) -> None:
@@ -96,13 +96,13 @@ class Process:
 
 
 class Block:
-    """The same in a PLC, which the test calls; killed, it lets go of nothing."""
+    """An end in a PLC, which the test calls. kill() releases nothing."""
 
     def __init__(self, plc: Plc, side: str, topic: str) -> None:
         self._block = plc.block(f"FB_plant_msgs_State_{'Publisher' if side == 'writer' else 'Subscriber'}")
         self._block.xEnable, self._block.sTopic = True, topic
         self._writes = side == "writer"
-        self.said: list[str] = []
+        self.log: list[str] = []
         self._number = 0
 
     def cycle(self) -> None:
@@ -117,13 +117,13 @@ class Block:
         done = block.xSent if self._writes else block.xNewData
         if done and not self._writes:
             whole = all(one == block.Msg.a / 2 for one in getattr(block.Msg, "b", ()))
-            self._say("got" if whole else "torn")
+            self._report("got" if whole else "torn")
         elif done or block.xError:
-            self._say("published" if done else block.eErrorID)
+            self._report("published" if done else block.eErrorID)
 
-    def _say(self, text: str) -> None:
-        if self.said[-1:] != [text]:
-            self.said.append(text)
+    def _report(self, text: str) -> None:
+        if self.log[-1:] != [text]:
+            self.log.append(text)
 
     def kill(self) -> None:
         pass
@@ -131,7 +131,7 @@ class Block:
 
 @pytest.fixture(scope="module")
 def versions(tmp_path_factory: pytest.TempPathFactory) -> dict[int, tuple[Path, Plc]]:
-    made = {}
+    programs = {}
     for version, text in VERSIONS.items():
         folder = tmp_path_factory.mktemp(f"plant{version}")
         services = call_ends.definitions("float64 more\n" if version == 2 else "")
@@ -140,8 +140,8 @@ def versions(tmp_path_factory: pytest.TempPathFactory) -> dict[int, tuple[Path, 
         texts = pipeline.generate(config, ["plant_msgs/State", "plant_msgs/Ask", "plant_msgs/Count"])
         put(texts, folder)
         st = {path: text for path, text in texts.items() if path.endswith(".st")}
-        made[version] = folder, compile_st(st, folder / "plc")
-    return made
+        programs[version] = folder, compile_st(st, folder / "plc")
+    return programs
 
 
 def plans() -> Iterator[Any]:
@@ -150,7 +150,7 @@ def plans() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(("writer", "order"), [*plans()])
-def test_one_side_after_the_other_is_updated(
+def test_programs_updated_one_by_one_connect_again(
     versions: dict[int, tuple[Path, Plc]], topic: str, writer: str, order: tuple[str, ...]
 ) -> None:
     ends: dict[str, tuple[int, Process | Block]] = {}
@@ -159,56 +159,56 @@ def test_one_side_after_the_other_is_updated(
         def start(kind: str, version: int) -> None:
             folder, plc = versions[version]
             side = "writer" if kind == writer else "reader"
-            made = (
+            end = (
                 Block(plc, side, topic)
                 if kind == "plc"
                 else Process(folder, f"shm_v{version}", side, topic, kind == "pure")
             )
-            stack.callback(made.kill)
-            ends[kind] = version, made
+            stack.callback(end.kill)
+            ends[kind] = version, end
 
-        def settles() -> None:
-            """Who writes is heard by all of its version, and told of by the others; or it cannot yet, and says so."""
+        def wait_until_settled() -> None:
+            """Wait until the writer's version gets samples and other versions report a mismatch, or the writer does."""
             deadline = time.monotonic() + 20 * slower
-            while not settled():
-                assert time.monotonic() < deadline, {kind: end.said for kind, (_, end) in ends.items()}
+            while not is_settled():
+                assert time.monotonic() < deadline, {kind: end.log for kind, (_, end) in ends.items()}
                 for _, end in ends.values():
                     end.cycle()
                 time.sleep(0.002)
 
-        def settled() -> bool:
-            now, writes = ends[writer]
-            if writes.said[-1:] != ["published"]:
+        def is_settled() -> bool:
+            now, source = ends[writer]
+            if source.log[-1:] != ["published"]:
                 # A PLC removes nothing: it waits until the last of the others is updated, which replaces the region.
-                return writes.said[-1:] == ["DIGEST_MISMATCH"] and any(version != now for version, _ in ends.values())
+                return source.log[-1:] == ["DIGEST_MISMATCH"] and any(version != now for version, _ in ends.values())
             others = [ends[kind] for kind in KINDS if kind != writer]
-            return all(end.said[-1:] in ((["got"],) if version == now else OTHERWISE) for version, end in others)
+            return all(end.log[-1:] in ((["got"],) if version == now else MISMATCHES) for version, end in others)
 
         for kind in KINDS:
             start(kind, 1)
-        settles()
+        wait_until_settled()
         for kind in order:
             ends[kind][1].kill()
             start(kind, 2)
-            settles()
-        assert all("torn" not in end.said for _, end in ends.values())
+            wait_until_settled()
+        assert all("torn" not in end.log for _, end in ends.values())
 
 
 def package_of(versions: dict[int, tuple[Path, Plc]], version: int, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The generated package of a version, with its services and actions."""
+    """Import the generated package of a version, with its services and actions."""
     monkeypatch.syspath_prepend(str(versions[version][0] / "python"))
     for kind in ("srv", "action"):
         importlib.import_module(f"shm_v{version}.plant_msgs.{kind}")
     return importlib.import_module(f"shm_v{version}.plant_msgs")
 
 
-@pytest.mark.parametrize("acts", [False, True], ids=["service", "action"])
+@pytest.mark.parametrize("is_action", [False, True], ids=["service", "action"])
 @pytest.mark.parametrize("server", KINDS)
 @pytest.mark.parametrize(
     ("client", "change"),
     [
         *((kind, change) for kind in ("c", "pure") for change in ("updated", "removed")),
-        ("plc", "removed"),  # a PLC replaces no region, so its update waits for another end's
+        ("plc", "removed"),  # a PLC replaces no region, so its update waits for that of another end
     ],
 )
 def test_no_client_gets_the_response_to_a_former_call(
@@ -218,30 +218,30 @@ def test_no_client_gets_the_response_to_a_former_call(
     client: str,
     change: str,
     server: str,
-    acts: bool,
+    is_action: bool,
 ) -> None:
-    """The server still works on the first call of the request region when a new client begins in a fresh one."""
+    """Start a client in a new request region while the server still executes a call of the former region."""
 
     def client_of(version: int) -> PlcClient | PythonClient:
         if client == "plc":
-            return PlcClient(versions[version][1], topic, acts)
-        return PythonClient(package_of(versions, version, monkeypatch), topic, acts, client == "pure")
+            return PlcClient(versions[version][1], topic, is_action)
+        return PythonClient(package_of(versions, version, monkeypatch), topic, is_action, client == "pure")
 
     def server_of(version: int) -> PlcServer | PythonServer:
         if server == "plc":
-            return PlcServer(versions[version][1], topic, acts)
-        return PythonServer(package_of(versions, version, monkeypatch), topic, acts, server == "pure")
+            return PlcServer(versions[version][1], topic, is_action)
+        return PythonServer(package_of(versions, version, monkeypatch), topic, is_action, server == "pure")
 
-    old, serving = client_of(1), server_of(1)
+    old, active_server = client_of(1), server_of(1)
     old.send(1)
-    until(serving.takes)
+    until(active_server.takes)
     old.stop()
     if change == "removed":
-        Path(region_file(region_name(f"{topic}-goal" if acts else f"{topic}-request"))).unlink()
+        Path(region_file(region_name(f"{topic}-goal" if is_action else f"{topic}-request"))).unlink()
     new = client_of(2 if change == "updated" else 1)
     new.send(2)
-    serving.respond()
+    active_server.respond()
     for _ in range(20):
         assert new.response() is None
-    serving.stop()
+    active_server.stop()
     new.stop()

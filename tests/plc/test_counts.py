@@ -1,4 +1,4 @@
-"""Counts above their bounds, as a peer in C, another PLC or damage may write them: no block hands one on."""
+"""No block passes on a count above its bound, which a peer in C, another PLC or damage can write."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def counts(tmp_path_factory: pytest.TempPathFactory) -> Counts:
 
 
 @pytest.mark.parametrize(("path", "count"), PLACES)
-def test_a_sample_with_a_count_too_high_is_not_taken(counts: Counts, topic: str, path: str, count: int) -> None:
+def test_subscriber_refuses_a_count_above_its_bound(counts: Counts, topic: str, path: str, count: int) -> None:
     with counts.msg.TreePublisher(topic) as publisher:
         block = counts.block("Tree_Subscriber", sTopic=topic)
         publisher.publish(tree(counts.msg, 1))
@@ -73,8 +73,8 @@ def test_a_sample_with_a_count_too_high_is_not_taken(counts: Counts, topic: str,
 
 
 @pytest.mark.parametrize("path", ["crown[1].leaves[0].weights", "trunk.leaves[2].weights"])
-def test_what_is_not_valid_is_not_looked_at(counts: Counts, topic: str, path: str) -> None:
-    """Behind the last valid element there may be anything."""
+def test_counts_in_unused_elements_are_ignored(counts: Counts, topic: str, path: str) -> None:
+    """Ignore elements behind the last valid element, which may contain anything."""
     with counts.msg.TreePublisher(topic) as publisher:
         message = tree(counts.msg, 1)
         spoil(message, path, MOST)
@@ -86,7 +86,7 @@ def test_what_is_not_valid_is_not_looked_at(counts: Counts, topic: str, path: st
 
 
 @pytest.mark.parametrize(("path", "count"), PLACES)
-def test_a_sample_with_a_count_too_high_is_not_written(counts: Counts, topic: str, path: str, count: int) -> None:
+def test_publisher_refuses_a_count_above_its_bound(counts: Counts, topic: str, path: str, count: int) -> None:
     block = counts.block("Tree_Publisher", sTopic=topic, udiDepth=1)
     assert (block.xSent, block.udiSequence, block.eErrorID) == (True, 1, "NO_ERROR")
     member = block.Msg
@@ -94,7 +94,7 @@ def test_a_sample_with_a_count_too_high_is_not_written(counts: Counts, topic: st
     for owner in owners:
         field, _, index = owner.rstrip("]").partition("[")
         inner = getattr(member, field)
-        if index and field != "pair":  # as many are valid, so that the last is looked at
+        if index and field != "pair":  # the element is valid, so the block checks it
             setattr(member, f"{field}_count", int(index) + 1)
         member = inner[int(index)] if index else inner
     setattr(member, f"{name}_count", count)
@@ -105,7 +105,7 @@ def test_a_sample_with_a_count_too_high_is_not_written(counts: Counts, topic: st
     assert (block(xSend=True).xSent, block.eErrorID, block.udiSequence) == (True, "NO_ERROR", 2)
 
 
-def test_each_sample_counts_where_each_is_read(counts: Counts, topic: str) -> None:
+def test_refused_samples_are_counted_one_by_one(counts: Counts, topic: str) -> None:
     with counts.msg.TreePublisher(topic, depth=4) as publisher:
         block = counts.block("Tree_Subscriber", sTopic=topic, xNewest=False, udiDepth=4)
         for number in range(1, 5):
@@ -120,7 +120,7 @@ def test_each_sample_counts_where_each_is_read(counts: Counts, topic: str) -> No
         assert (block.eErrorID, block.xError) == ("NO_ERROR", False)
 
 
-def test_a_call_with_a_count_too_high_is_answered_without_a_job(counts: Counts, topic: str) -> None:
+def test_server_fails_a_call_with_a_count_above_its_bound(counts: Counts, topic: str) -> None:
     server = counts.block("Sort_Server", sService=topic)
     with counts.srv.SortClient(topic) as client:
         for number in (1, 2):
@@ -141,7 +141,7 @@ def test_a_call_with_a_count_too_high_is_answered_without_a_job(counts: Counts, 
                 assert (server.Request.items_count, list(server.Request.items)[:2]) == (2, [3, 1])
 
 
-def test_a_refused_call_is_answered_before_the_next_is_taken(counts: Counts, topic: str) -> None:
+def test_server_answers_a_refused_call_before_the_next(counts: Counts, topic: str) -> None:
     server, client = counts.block("Sort_Server", sService=topic), counts.block("Sort_Client", sService=topic)
     client.Request.items_count = 5
     client(xExecute=True)
@@ -154,7 +154,7 @@ def test_a_refused_call_is_answered_before_the_next_is_taken(counts: Counts, top
     assert (server().xExecute, server.udiCall, server.eErrorID) == (True, nth(2), "NO_ERROR")
 
 
-def test_an_answer_with_a_count_too_high_ends_the_call(counts: Counts, topic: str) -> None:
+def test_response_with_a_count_above_its_bound_fails_the_call(counts: Counts, topic: str) -> None:
     server, client = counts.block("Sort_Server", sService=topic), counts.block("Sort_Client", sService=topic)
     for count, seen, error in ((4, True, "NO_ERROR"), (5, False, "COUNT_EXCEEDED"), (0, True, "NO_ERROR")):
         client(xExecute=False)
@@ -167,12 +167,12 @@ def test_an_answer_with_a_count_too_high_ends_the_call(counts: Counts, topic: st
         assert client.Response.sorted_count == (count if seen else 4)
 
 
-def walk(counts: Counts, topic: str) -> tuple[Block, Block]:
+def open_action_blocks(counts: Counts, topic: str) -> tuple[Block, Block]:
     return counts.block("Walk_ActionServer", sAction=topic), counts.block("Walk_ActionClient", sAction=topic)
 
 
-def test_a_goal_with_a_count_too_high_is_rejected(counts: Counts, topic: str) -> None:
-    server, client = walk(counts, topic)
+def test_goal_with_a_count_above_its_bound_is_rejected(counts: Counts, topic: str) -> None:
+    server, client = open_action_blocks(counts, topic)
     client.Goal.steps_count = 4
     client(xExecute=True)
     assert (server().xExecute, server.eErrorID, server.udiRefused) == (False, "COUNT_EXCEEDED", 1)
@@ -184,8 +184,8 @@ def test_a_goal_with_a_count_too_high_is_rejected(counts: Counts, topic: str) ->
     assert (server().xExecute, server.eErrorID, server.Goal.steps_count) == (True, "NO_ERROR", 3)
 
 
-def test_feedback_and_result_with_a_count_too_high(counts: Counts, topic: str) -> None:
-    server, client = walk(counts, topic)
+def test_feedback_and_result_with_a_high_count_are_refused(counts: Counts, topic: str) -> None:
+    server, client = open_action_blocks(counts, topic)
     client(xExecute=True)
     server()
     for place, count, new in ((1, 2, True), (2, 3, False), (3, MOST, False), (4, 1, True)):
@@ -200,7 +200,7 @@ def test_feedback_and_result_with_a_count_too_high(counts: Counts, topic: str) -
     assert client.Result.left_count == 0
 
 
-def test_a_block_without_sequences_has_nothing_to_check(tmp_path: Path) -> None:
+def test_block_without_sequences_has_no_count_check(tmp_path: Path) -> None:
     put({"counts_msgs/msg/Plain.msg": "uint32 a\nfloat64[3] b\n"}, tmp_path)
     config = Config(tmp_path, path=(tmp_path,), targets=("st",))
     text = pipeline.generate(config, ["counts_msgs/Plain"])["st/counts_msgs/FB_counts_msgs_Plain_Subscriber.st"]

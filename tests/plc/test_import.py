@@ -1,4 +1,4 @@
-"""Data types of a PLC project become messages, and what is generated from those is what the project had."""
+"""Data types of a PLC project become messages, and types generated from these messages equal the project's types."""
 
 from __future__ import annotations
 
@@ -68,26 +68,26 @@ STRICT = "{attribute 'qualified_only'}\n{attribute 'strict'}\nTYPE E_"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A project, imported and generated from."""
+    """The folder of a project with imported messages and generated files."""
     folder = tmp_path_factory.mktemp("plant")
     (folder / "Plant.st").write_text(TYPES)
     (folder / "shmgen.toml").write_text(TOML)
-    said = run(["import", "Plant.st"], folder)
-    assert (said.code, said.stderr) == (0, "")
-    assert said.stdout.splitlines()[:5] == [
+    result = run(["import", "Plant.st"], folder)
+    assert (result.code, result.stderr) == (0, "")
+    assert result.stdout.splitlines()[:5] == [
         "E_State   plant_msgs/State, 2 bytes",
         "ST_Axis   plant_msgs/Axis, 64 bytes",
         "ST_Plant  plant_msgs/Plant, 384 bytes",
         "",
         "3 of 3 data types are messages in msgs/plant_msgs",
     ]
-    said = run(["generate", "-q"], folder)
-    assert (said.code, said.stderr) == (0, "")
+    result = run(["generate", "-q"], folder)
+    assert (result.code, result.stderr) == (0, "")
     return folder
 
 
-def declared(text: str) -> dict[str, object]:
-    """Names, types and numbers of each type; the padding that shmgen makes visible is none of the project's."""
+def read_types(text: str) -> dict[str, object]:
+    """Return the kind, base and members of each type, without the padding members that shmgen adds."""
     types, _ = declarations.read(text, "")
     return {
         it.name: (it.kind, it.base, [(m.name, m.type) for m in it.members if not m.name.startswith("_pad")])
@@ -111,16 +111,16 @@ def test_messages_keep_comments_units_and_names(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_generated_has_the_names_and_the_bytes_of_the_project(folder: Path) -> None:
-    """The bytes as the soft PLC lays both out: the project's types by natural alignment, ours packed."""
+def test_generated_types_have_the_names_and_sizes_of_the_project(folder: Path) -> None:
+    """Compare sizes in the soft PLC, which aligns the project's types naturally and packs the generated types."""
     files = {
         path.relative_to(folder / "generated").as_posix(): path for path in (folder / "generated/st").rglob("*.st")
     }
     texts = {name: path.read_text() for name, path in files.items()}
     ours = "".join(text for name, text in texts.items() if re.search(r"/(ST|E)_(?!Shm)\w+\.st", name))
-    given = TYPES.replace("STRING;", "STRING(80);")
-    expected, found = declared(given), declared(ours)
-    assert found == {name: (kind, base.partition(" ")[0], members) for name, (kind, base, members) in expected.items()}
+    project_text = TYPES.replace("STRING;", "STRING(80);")
+    expected, actual = read_types(project_text), read_types(ours)
+    assert actual == {name: (kind, base.partition(" ")[0], members) for name, (kind, base, members) in expected.items()}
     assert "Msg           : ST_Plant;" in texts["st/plant_msgs/FB_plant_msgs_Plant_Publisher.st"]
     program = (
         "FUNCTION_BLOCK FB_Sizes\nVAR_OUTPUT\n    n1, n2, n3 : UDINT;\nEND_VAR\n"
@@ -128,7 +128,7 @@ def test_what_is_generated_has_the_names_and_the_bytes_of_the_project(folder: Pa
         "n1 := SIZEOF(a); n2 := SIZEOF(p); n3 := SIZEOF(a.eState);\nEND_FUNCTION_BLOCK\n"
     )
     sizes = []
-    for text in (given, ours):
+    for text in (project_text, ours):
         text = re.sub(r"\nTYPE E_", "\n" + STRICT, "\n" + re.sub(r"eMoving,", "eMoving := 1,", text))
         block = compile_st({"types.st": text, "sizes.st": program}).block("FB_Sizes")
         block()
@@ -137,7 +137,7 @@ def test_what_is_generated_has_the_names_and_the_bytes_of_the_project(folder: Pa
 
 
 @pytest.mark.slow
-def test_the_plc_is_read_by_python_under_its_own_names(folder: Path, topic: str) -> None:
+def test_python_reads_samples_of_imported_plc_types(folder: Path, topic: str) -> None:
     from shmgen.core.model import TypeName
 
     _, _, subscriber = classes(folder / "generated", "shm_msgs", TypeName("plant_msgs", "msg", "Plant"))
@@ -157,7 +157,7 @@ def test_the_plc_is_read_by_python_under_its_own_names(folder: Path, topic: str)
         assert (read.axes[3].w_status, read.axes[3].s_name, read.udi_last) == (7, "axis", 9)
 
 
-def test_with_the_names_of_ros(folder: Path) -> None:
+def test_names_option_generates_ros_names(folder: Path) -> None:
     (folder / "ros.toml").write_text(TOML.replace("[types]\n", '[types]\nnames = "ros"\n'))
     assert run(["generate", "-q", "-c", "ros.toml", "-o", "ros"], folder).code == 0
     text = (folder / "ros/st/plant_msgs/ST_plant_msgs_Axis.st").read_text()
@@ -200,12 +200,12 @@ END_TYPE
 """
 
 
-def test_exports_of_codesys_and_twincat(tmp_path: Path) -> None:
+def test_exports_of_codesys_and_twincat_are_imported(tmp_path: Path) -> None:
     (tmp_path / "plc").mkdir()
     (tmp_path / "plc" / "Cell 7.xml").write_text(XML)
     (tmp_path / "plc" / "ST_Valve.TcDUT").write_bytes(b"\xef\xbb\xbf" + TCDUT.replace("\n", "\r\n").encode())
-    said = run(["import", "plc", "-p", "cell_msgs"], tmp_path)
-    assert (said.code, said.stderr) == (0, "")
+    result = run(["import", "plc", "-p", "cell_msgs"], tmp_path)
+    assert (result.code, result.stderr) == (0, "")
     messages = {path.stem: path.read_text() for path in (tmp_path / "msgs/cell_msgs/msg").iterdir()}
     assert messages["Part"].splitlines()[2:] == [
         "float32[4] a_values  # of the part (PLC: aValues)",
@@ -219,8 +219,8 @@ def test_exports_of_codesys_and_twincat(tmp_path: Path) -> None:
         "bool b_open  # it is (PLC: bOpen)",
     ]
     (tmp_path / "shmgen.toml").write_text('path = ["msgs"]\nmessages = ["cell_msgs"]\n')
-    said = run(["generate", "-q"], tmp_path)
-    assert (said.code, said.stderr) == (0, "")
+    result = run(["generate", "-q"], tmp_path)
+    assert (result.code, result.stderr) == (0, "")
     alias = (tmp_path / "generated/st/cell_msgs/T_Alias.st").read_text()
     assert alias.endswith("TYPE T_Alias :\n    ST_Part;\nEND_TYPE\n")
     xml = (tmp_path / "generated/plcopen/shmgen.xml").read_text()
@@ -229,58 +229,58 @@ def test_exports_of_codesys_and_twincat(tmp_path: Path) -> None:
     assert {"E_Mode", "ST_Part", "T_Alias", "ST_Text", "ST_Valve"} <= {it.name for it in again.types}
 
 
-def test_what_ros_cannot_hold_is_left_out_if_asked(tmp_path: Path) -> None:
+def test_skip_omits_types_without_an_equivalent_in_ros(tmp_path: Path) -> None:
     (tmp_path / "a.st").write_text("TYPE ST_A : STRUCT p : POINTER TO INT; END_STRUCT END_TYPE\n" + TYPES)
     assert run(["import", "a.st"], tmp_path).code == 1
     assert not (tmp_path / "msgs").exists()
-    said = run(["import", "a.st", "--skip"], tmp_path)
-    assert said.code == 0
-    assert "a.st:1:20: note[SHM601]: POINTER TO INT has no equivalent in ROS" in said.stderr
-    assert "3 of 4 data types are messages" in said.stdout
+    result = run(["import", "a.st", "--skip"], tmp_path)
+    assert result.code == 0
+    assert "a.st:1:20: note[SHM601]: POINTER TO INT has no equivalent in ROS" in result.stderr
+    assert "3 of 4 data types are messages" in result.stdout
 
 
-def imported(folder: Path, *arguments: str, **texts: str) -> Result:
-    """`shmgen import` of a folder of files."""
+def import_st(folder: Path, *arguments: str, **texts: str) -> Result:
+    """Run `shmgen import` on a folder with files of Structured Text."""
     (folder / "plc").mkdir()
     for name, text in texts.items():
         (folder / "plc" / f"{name}.st").write_text(text)
     return run(["import", "plc", "-p", "some_msgs", *arguments], folder)
 
 
-def test_a_namespace_stands_before_members_bases_and_bounds(tmp_path: Path) -> None:
-    """As TcOpen and TwinCAT.OpenFramework have it: ABSTRACT, too."""
+def test_namespaces_of_members_bases_and_bounds_are_accepted(tmp_path: Path) -> None:
+    """Accept ABSTRACT as well. TcOpen and TwinCAT.OpenFramework use both."""
     base = "TYPE ABSTRACT ST_Base : STRUCT n : INT; END_STRUCT END_TYPE\nTYPE E_X : (A, Last := 3); END_TYPE\n"
     other = (
         "TYPE ST_Other EXTENDS Lib.ST_Base : STRUCT\n e : Lib.E_X; a : ARRAY[0..Lib.E_X.Last + 1 * 2] OF Lib.ST_Base;\n"
         "END_STRUCT END_TYPE\n"
     )
-    said = imported(tmp_path, a_base=base, b_other=other)
-    assert (said.code, said.stderr) == (0, "")
-    assert "ST_Other  some_msgs/Other, 16 bytes\n" in said.stdout
+    result = import_st(tmp_path, a_base=base, b_other=other)
+    assert (result.code, result.stderr) == (0, "")
+    assert "ST_Other  some_msgs/Other, 16 bytes\n" in result.stdout
     text = (tmp_path / "msgs/some_msgs/msg/Other.msg").read_text()
     assert "X e  # (PLC: e : E_X)\nBase[6] a  # (PLC: a : ARRAY[0..5] OF ST_Base)\n" in text
 
 
-def test_two_types_of_one_name_are_told_with_both_places(tmp_path: Path) -> None:
+def test_duplicate_type_is_reported_with_both_positions(tmp_path: Path) -> None:
     one = "TYPE ST_A : STRUCT n : INT; END_STRUCT END_TYPE\nTYPE ST_B : STRUCT a : ST_A; END_STRUCT END_TYPE\n"
     other = "TYPE ST_A : STRUCT n : LINT; END_STRUCT END_TYPE\nTYPE ST_C : INT; END_TYPE\n"
-    said = imported(tmp_path, "--skip", one=one, other=other)
-    assert "plc/one.st:1:6: note[SHM201]: ST_A is declared differently in plc/other.st:1\n" in said.stderr
-    assert said.stdout.startswith(
+    result = import_st(tmp_path, "--skip", one=one, other=other)
+    assert "plc/one.st:1:6: note[SHM201]: ST_A is declared differently in plc/other.st:1\n" in result.stderr
+    assert result.stdout.startswith(
         "ST_A  left out: ST_A is declared differently in plc/other.st:1\n"
         "ST_B  left out: it contains ST_A, which is left out\n"
         "ST_C  some_msgs/C, 2 bytes\n"
     )
 
 
-def test_constants_are_those_of_the_list_that_is_named(tmp_path: Path) -> None:
+def test_qualified_constant_comes_from_the_named_list(tmp_path: Path) -> None:
     lists = "".join(
         f'<globalVars name="{name}" constant="true"><variable name="N"><type><INT /></type><initialValue>'
         f'<simpleValue value="{value}" /></initialValue></variable></globalVars>'
         for name, value in (("GVL_A", 4), ("GVL_B", 9))
     )
     (tmp_path / "lists.xml").write_text(f"<project>{lists}</project>")
-    for bound, said in (
+    for bound, expected in (
         ("GVL_B.N", "bytes"),
         ("Lib.GVL_A.N", "bytes"),
         ("N", "`N` is 4 in "),
@@ -288,30 +288,30 @@ def test_constants_are_those_of_the_list_that_is_named(tmp_path: Path) -> None:
     ):
         (tmp_path / "a.st").write_text(f"TYPE A : STRUCT x : ARRAY[1..{bound}] OF BYTE; END_STRUCT END_TYPE\n")
         done = run(["import", "a.st", "lists.xml"], tmp_path)
-        assert said in done.stdout + done.stderr
+        assert expected in done.stdout + done.stderr
 
 
-def test_one_unreadable_file_does_not_stop_a_folder(tmp_path: Path) -> None:
-    said = imported(tmp_path, "--skip", bad="TYPE ST_A : STRUCT n INT; END_STRUCT END_TYPE\n", good=TYPES)
-    assert said.code == 0
-    assert "plc/bad.st:1:25: note[SHM003]: expected :, found `;`\n" in said.stderr
-    assert "3 of 3 data types are messages" in said.stdout
+def test_skip_continues_after_an_unreadable_file(tmp_path: Path) -> None:
+    result = import_st(tmp_path, "--skip", bad="TYPE ST_A : STRUCT n INT; END_STRUCT END_TYPE\n", good=TYPES)
+    assert result.code == 0
+    assert "plc/bad.st:1:25: note[SHM003]: expected :, found `;`\n" in result.stderr
+    assert "3 of 3 data types are messages" in result.stdout
 
 
-def test_a_missing_type_is_told_once(tmp_path: Path) -> None:
-    said = imported(tmp_path, a="".join(f"TYPE ST_{n} : STRUCT t : TON; END_STRUCT END_TYPE\n" for n in range(300)))
-    assert said.stderr.count("SHM602") == 1
-    assert "  also ST_1.t (plc/a.st:2)\n" in said.stderr
-    assert "  and 294 places more\n" in said.stderr
+def test_missing_type_is_reported_once(tmp_path: Path) -> None:
+    result = import_st(tmp_path, a="".join(f"TYPE ST_{n} : STRUCT t : TON; END_STRUCT END_TYPE\n" for n in range(300)))
+    assert result.stderr.count("SHM602") == 1
+    assert "  also ST_1.t (plc/a.st:2)\n" in result.stderr
+    assert "  and 294 places more\n" in result.stderr
 
 
-def test_what_is_not_verified_is_said(tmp_path: Path) -> None:
+def test_unverified_types_are_listed(tmp_path: Path) -> None:
     text = (
         "TYPE ST_A : STRUCT END_STRUCT END_TYPE\n"
         "TYPE ST_B EXTENDS ST_A : STRUCT c : LINT; END_STRUCT END_TYPE\n"
         "TYPE ST_C : STRUCT b : ST_B; END_STRUCT END_TYPE\n"
     )
-    assert imported(tmp_path, a=text).stdout.splitlines()[:6] == [
+    assert import_st(tmp_path, a=text).stdout.splitlines()[:6] == [
         "ST_A  some_msgs/A, 1 byte, not verified",
         "ST_B  some_msgs/B, 8 bytes, not verified",
         "ST_C  some_msgs/C, 8 bytes, not verified",
@@ -321,9 +321,9 @@ def test_what_is_not_verified_is_said(tmp_path: Path) -> None:
     ]
 
 
-def test_names_that_the_plc_has_come_back(tmp_path: Path) -> None:
+def test_generated_members_have_their_plc_names(tmp_path: Path) -> None:
     text = "TYPE ST_A : STRUCT\n Ref : INT; LDT : INT; s : STRING := GVL.cName; b : BIT_;\nEND_STRUCT END_TYPE\n"
-    imported(tmp_path, a=text + "TYPE BIT_ : INT; END_TYPE\n")
+    import_st(tmp_path, a=text + "TYPE BIT_ : INT; END_TYPE\n")
     (tmp_path / "shmgen.toml").write_text('path = ["msgs"]\nmessages = ["some_msgs"]\n')
     assert run(["generate", "-q"], tmp_path).code == 0
     generated = (tmp_path / "generated/st/some_msgs/ST_A.st").read_text()
@@ -332,20 +332,20 @@ def test_names_that_the_plc_has_come_back(tmp_path: Path) -> None:
     assert 'VL.cNam"' not in (tmp_path / "msgs/some_msgs/msg/A.msg").read_text()
 
 
-def test_a_bit_has_a_hint_of_its_own(tmp_path: Path) -> None:
-    assert "hint: share its byte" in imported(tmp_path, a="TYPE A : STRUCT x : BIT; END_STRUCT END_TYPE\n").stderr
+def test_bit_type_gets_its_own_hint(tmp_path: Path) -> None:
+    assert "hint: share its byte" in import_st(tmp_path, a="TYPE A : STRUCT x : BIT; END_STRUCT END_TYPE\n").stderr
 
 
-def test_a_package_is_not_written_through_links(tmp_path: Path) -> None:
+def test_import_does_not_write_through_symlinks(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "msgs/some_msgs").mkdir(parents=True)
     (tmp_path / "msgs/some_msgs/msg").symlink_to(tmp_path / "elsewhere")
-    said = imported(tmp_path, a=TYPES)
-    assert (said.code, "SHM007" in said.stderr) == (1, True)
+    result = import_st(tmp_path, a=TYPES)
+    assert (result.code, "SHM007" in result.stderr) == (1, True)
     assert not list((tmp_path / "elsewhere").iterdir())
 
 
-def test_an_enumeration_is_no_base(tmp_path: Path) -> None:
+def test_enumeration_is_refused_as_a_base(tmp_path: Path) -> None:
     text = "TYPE E : (A, B); END_TYPE\nTYPE ST_A EXTENDS Lib.E : STRUCT n : INT; END_STRUCT END_TYPE\n"
-    said = imported(tmp_path, a=text)
-    assert (said.code, "ST_A extends Lib.E, which is not a structure" in said.stderr) == (1, True)
+    result = import_st(tmp_path, a=text)
+    assert (result.code, "ST_A extends Lib.E, which is not a structure" in result.stderr) == (1, True)

@@ -1,4 +1,4 @@
-"""Names beyond ASCII, comments with markup and mistyped attributes of a PLC project are kept, or told."""
+"""An import keeps non-ASCII names and comments with markup, and reports mistyped attributes and types."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ END_TYPE
 """
 
 
-def test_letters_beyond_ascii_are_spelled_in_ros_and_kept_in_the_plc(tmp_path: Path) -> None:
+def test_non_ascii_names_are_spelled_out_in_ros_only(tmp_path: Path) -> None:
     (tmp_path / "plant.st").write_text(UMLAUTS.replace("Öl..", "1.."), "utf-8")
-    said = run(["import", "plant.st"], tmp_path)
-    assert (said.code, said.stderr) == (0, "")
+    result = run(["import", "plant.st"], tmp_path)
+    assert (result.code, result.stderr) == (0, "")
     messages = {path.stem: path.read_text("utf-8") for path in (tmp_path / "msgs/plant_msgs/msg").iterdir()}
     assert "int16 MASS=0  # (PLC: Maß)\nint16 OEL=1  # (PLC: Öl)\nint16 HOEHE=2" in messages["Mode"]
     assert messages["Groesse"].splitlines()[2:] == [
@@ -36,8 +36,8 @@ def test_letters_beyond_ascii_are_spelled_in_ros_and_kept_in_the_plc(tmp_path: P
         "Mode mass  # (PLC: Maß : E_Mode)",
     ]
     (tmp_path / "shmgen.toml").write_text('path = ["msgs"]\nmessages = ["plant_msgs"]\n')
-    said = run(["generate", "-q"], tmp_path)
-    assert (said.code, said.stderr) == (0, "")
+    result = run(["generate", "-q"], tmp_path)
+    assert (result.code, result.stderr) == (0, "")
     text = (tmp_path / "generated/st/plant_msgs/ST_Größe.st").read_text("utf-8")
     assert "    Länge : ARRAY[1..2] OF REAL;\n    größe : REAL;\n    Maß   : E_Mode;\n" in text
     again = sources.read([tmp_path / "generated/plcopen/shmgen.xml"], Report())
@@ -55,7 +55,7 @@ def test_letters_beyond_ascii_are_spelled_in_ros_and_kept_in_the_plc(tmp_path: P
         ("_Öl", "oel"),
     ],
 )
-def test_names_of_ros(name: str, expected: str) -> None:
+def test_snake_case_spells_out_non_ascii_letters(name: str, expected: str) -> None:
     assert snake(name) == expected
 
 
@@ -68,7 +68,7 @@ COMMENTS = {
 
 
 @pytest.mark.parametrize("kind", COMMENTS)
-def test_a_comment_in_xhtml_is_kept(kind: str, tmp_path: Path) -> None:
+def test_xhtml_comment_is_imported(kind: str, tmp_path: Path) -> None:
     variable = f"<variable name='v'><type><LREAL/></type><documentation>{COMMENTS[kind]}</documentation></variable>"
     part = f"<dataType name='ST_Doc'><baseType><struct>{variable}</struct></baseType></dataType>"
     (tmp_path / "plant.xml").write_text(f"<project><types><dataTypes>{part}</dataTypes></types></project>")
@@ -88,17 +88,17 @@ PRAGMAS = [
 
 
 @pytest.mark.parametrize("pragma", PRAGMAS)
-def test_a_mistyped_pack_mode_is_told(pragma: str, tmp_path: Path) -> None:
+def test_mistyped_pack_mode_is_reported(pragma: str, tmp_path: Path) -> None:
     (tmp_path / "plant.st").write_text(
         f"{{attribute {pragma}}}\nTYPE ST_A : STRUCT b : BOOL; v : LREAL; END_STRUCT END_TYPE\n"
     )
-    said = run(["import", "plant.st"], tmp_path)
-    assert (said.code, said.stdout.splitlines()[0]) == (0, "ST_A  plant_msgs/A, 16 bytes")
-    assert f"note[SHM003]: ST_A is not packed: {{attribute {pragma}".rstrip("'") in said.stderr
-    assert "hint: write {attribute 'pack_mode' := '1'}" in said.stderr
+    result = run(["import", "plant.st"], tmp_path)
+    assert (result.code, result.stdout.splitlines()[0]) == (0, "ST_A  plant_msgs/A, 16 bytes")
+    assert f"note[SHM003]: ST_A is not packed: {{attribute {pragma}".rstrip("'") in result.stderr
+    assert "hint: write {attribute 'pack_mode' := '1'}" in result.stderr
 
 
-def test_a_mistyped_pack_mode_in_xml_is_told(tmp_path: Path) -> None:
+def test_mistyped_pack_mode_in_xml_is_reported(tmp_path: Path) -> None:
     data = "<data name='x/attributes'><Attribute Name='pack mode' Value='1'/></data>"
     struct = "<baseType><struct><variable name='v'><type><LREAL/></type></variable></struct></baseType>"
     part = f"<dataType name='ST_A'>{struct}<addData>{data}</addData></dataType>"
@@ -107,7 +107,7 @@ def test_a_mistyped_pack_mode_in_xml_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"),
+    ("typed", "suggestion"),
     [
         ("float64", "LREAL"),
         ("int32", "DINT"),
@@ -121,11 +121,11 @@ def test_a_mistyped_pack_mode_in_xml_is_told(tmp_path: Path) -> None:
         ("ST_Axs", "ST_Axis"),
     ],
 )
-def test_a_type_of_another_language_or_a_mistyped_type_gets_a_hint(typed: str, meant: str, tmp_path: Path) -> None:
+def test_foreign_or_mistyped_type_gets_a_hint(typed: str, suggestion: str, tmp_path: Path) -> None:
     (tmp_path / "plant.st").write_text(
         f"TYPE ST_Axis : STRUCT v : LREAL; END_STRUCT END_TYPE\nTYPE ST_A : STRUCT v : {typed}; END_STRUCT END_TYPE\n"
     )
-    said = run(["import", "plant.st"], tmp_path)
-    assert said.code == 1
-    assert f"{typed.rpartition(' ')[2]} is not a data type of this project" in said.stderr
-    assert f"hint: did you mean {meant}?" in said.stderr
+    result = run(["import", "plant.st"], tmp_path)
+    assert result.code == 1
+    assert f"{typed.rpartition(' ')[2]} is not a data type of this project" in result.stderr
+    assert f"hint: did you mean {suggestion}?" in result.stderr

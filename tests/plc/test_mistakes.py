@@ -1,4 +1,4 @@
-"""Mistakes planted into generated Structured Text: the proof of test_bytes must find each of them."""
+"""The checks of test_bytes detect each mistake that is planted into generated Structured Text."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mapping[str, s
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 @pytest.mark.family("[a wrong type]")
-def test_a_planted_mistake_is_found(demo: tuple[Path, Mapping[str, str], Layouts], topic: str, mistake: str) -> None:
+def test_planted_mistake_is_detected(demo: tuple[Path, Mapping[str, str], Layouts], topic: str, mistake: str) -> None:
     folder, texts, layouts = demo
     stem, right, wrong = MISTAKES[mistake]
     st = {path: text for path, text in texts.items() if path.endswith(".st")}
@@ -57,7 +57,7 @@ def test_a_planted_mistake_is_found(demo: tuple[Path, Mapping[str, str], Layouts
 
 
 def prove(folder: Path, st: Mapping[str, str], layouts: Layouts, topic: str) -> None:
-    """What test_bytes does for every message."""
+    """Check a message as test_bytes checks every message."""
     plc = compile_st({**st, **echoes(layouts)})
     for name, layout in layouts.items():
         assert_compiled_as_laid_out(plc, name, layout)

@@ -1,4 +1,4 @@
-"""Files that no IDE writes: what can be read is imported, the rest is reported soon, and no terminal sees it raw."""
+"""Files that no IDE writes are imported or reported within seconds, and error messages escape control characters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..support.guard import within
 
 MANY = 50_000
 SECONDS = 10
-"""Of CPU; each takes two at most, and what goes by the square of its length takes minutes."""
+"""The limit of CPU time. Each file takes at most 2 s; in quadratic time, a file would take minutes."""
 
 
 def struct(body: str) -> str:
@@ -25,7 +25,7 @@ def xml(inner: str) -> str:
     return f"<project><types><dataTypes>{inner}</dataTypes></types></project>"
 
 
-def each(text: str, many: int = MANY) -> str:
+def repeat(text: str, many: int = MANY) -> str:
     return "".join(text.replace("@", str(number)) for number in range(many))
 
 
@@ -34,17 +34,17 @@ LONG = {
     "comments.st": "(*" * MANY,
     "pragmas.st": "{" * MANY,
     "strings.st": "'$" * MANY,
-    "types.st": each("TYPE T@ : STRUCT a : INT; END_STRUCT END_TYPE\n", 10_000),
-    "one_fault.st": each("TYPE T@ : STRUCT a : Missing; END_STRUCT END_TYPE\n", 10_000),
+    "types.st": repeat("TYPE T@ : STRUCT a : INT; END_STRUCT END_TYPE\n", 10_000),
+    "one_fault.st": repeat("TYPE T@ : STRUCT a : Missing; END_STRUCT END_TYPE\n", 10_000),
     "chain.st": "".join(
         f"TYPE T{n} EXTENDS T{n + 1} : STRUCT a : T{n + 2}; END_STRUCT END_TYPE\n" for n in range(9999)
     ),
-    "members.st": struct(each("a@ : INT; (* @ *)")),
+    "members.st": struct(repeat("a@ : INT; (* @ *)")),
     "same_names.st": struct("a : INT;" * MANY),
-    "names.st": f"TYPE E : ({each('a@, ', 10_000)} z) UDINT; END_TYPE\n"
-    + struct(each("x@ : ARRAY[0..E.a@] OF BOOL;", 5_000)),
-    "constants.st": f"VAR_GLOBAL CONSTANT {each('M : INT := @;', 5_000)} END_VAR\n"
-    + struct(each("x@ : ARRAY[0..M] OF BOOL;", 5_000)),
+    "names.st": f"TYPE E : ({repeat('a@, ', 10_000)} z) UDINT; END_TYPE\n"
+    + struct(repeat("x@ : ARRAY[0..E.a@] OF BOOL;", 5_000)),
+    "constants.st": f"VAR_GLOBAL CONSTANT {repeat('M : INT := @;', 5_000)} END_VAR\n"
+    + struct(repeat("x@ : ARRAY[0..M] OF BOOL;", 5_000)),
     "sum.st": struct(f"x : ARRAY[0..{'1+' * MANY}1] OF BOOL;"),
     "brackets.st": struct(f"x : ARRAY[0..{'(' * MANY}1] OF BOOL;"),
     "digits.st": struct(f"x : ARRAY[0..{'9' * 6000}#{'9' * 6000}] OF BOOL;"),
@@ -62,17 +62,17 @@ LONG = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
-def test_in_linear_time(name: str, tmp_path: Path) -> None:
+def test_long_files_are_read_in_linear_time(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(LONG[name])
     report = Report()
     with within(SECONDS):
-        made = messages.messages(sources.read([tmp_path / name], report), "a_msgs", report)
+        result = messages.messages(sources.read([tmp_path / name], report), "a_msgs", report)
         assert len("\n".join(map(str, report.diagnostics))) < 100_000
-    assert all(row.message or row.why for row in made.rows)
+    assert all(row.message or row.why for row in result.rows)
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [
         (b"<?xml version='1.0' encoding='utf-7'?><a/>", "unknown encoding"),
         (b"<?xml version='1.0' encoding='shift_jis'?><a/>", "unknown encoding"),
@@ -86,17 +86,17 @@ def test_in_linear_time(name: str, tmp_path: Path) -> None:
         (struct("a : ARRAY[0..²] OF INT;"), "`²` is not declared"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told(data: bytes | str, said: str, tmp_path: Path) -> None:
+def test_faulty_file_is_reported(data: bytes | str, message: str, tmp_path: Path) -> None:
     file = tmp_path / "plant.xml"
     file.write_bytes(data if isinstance(data, bytes) else data.encode())
     done = run(["import", "plant.xml"], tmp_path)
     assert done.code == 1
-    assert said in done.stderr
+    assert message in done.stderr
     assert "SHM901" not in done.stderr
     assert "\x9b" not in done.stderr
 
 
-def test_a_name_with_a_line_end_is_no_field_of_its_own(tmp_path: Path) -> None:
+def test_name_with_a_line_end_is_refused(tmp_path: Path) -> None:
     variable = "<variable name='a&#10;int32 evil'><type><INT/></type></variable>"
     part = f"<dataType name='A'><baseType><struct>{variable}</struct></baseType></dataType>"
     (tmp_path / "plant.xml").write_text(xml(part + "<dataType name='B'><baseType><INT/></baseType></dataType>"))
@@ -105,7 +105,7 @@ def test_a_name_with_a_line_end_is_no_field_of_its_own(tmp_path: Path) -> None:
     assert "plant.xml:1: note[SHM003]: `a\\u000aint32 evil` is not a name" in done.stderr
 
 
-def test_files_in_utf_16_and_of_western_windows(tmp_path: Path) -> None:
+def test_files_in_utf_16_and_cp1252_are_read(tmp_path: Path) -> None:
     for name, encoding in (("one", "utf-16"), ("two", "cp1252")):
         (tmp_path / f"{name}.st").write_text(
             f"TYPE ST_{name} : STRUCT\n a : INT; // Größe\nEND_STRUCT END_TYPE", encoding
@@ -124,12 +124,12 @@ def test_files_in_utf_16_and_of_western_windows(tmp_path: Path) -> None:
         ("Plant.plcproj", "give the folder of the TwinCAT project"),
     ],
 )
-@pytest.mark.parametrize("given", ["the file", "its folder"])
-def test_the_own_files_of_an_ide_are_told_apart(name: str, hint: str, given: str, tmp_path: Path) -> None:
-    """Whole or half: a .project is a ZIP archive, an .export XML without declarations that are read."""
+@pytest.mark.parametrize("argument", ["the file", "its folder"])
+def test_native_project_files_get_a_hint(name: str, hint: str, argument: str, tmp_path: Path) -> None:
+    """Report a .project, which is a ZIP archive, and an .export, whose XML has no readable declarations."""
     (tmp_path / "plant").mkdir()
     (tmp_path / "plant" / name).write_bytes(b"PK\3\4" if name != "Plant.export" else b"<ExportFile>")
-    done = run(["import", f"plant/{name}" if given == "the file" else "plant"], tmp_path)
+    done = run(["import", f"plant/{name}" if argument == "the file" else "plant"], tmp_path)
     assert done.code == 1
     assert f"error[SHM001]: {name} is a file of the IDE's own format\n" in done.stderr
     assert hint in done.stderr

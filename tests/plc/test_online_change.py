@@ -1,7 +1,7 @@
-"""An online change that brings other messages while the blocks run: nothing is read or written by the layout of before.
+"""After an online change of messages, running blocks read and write nothing with the old layout.
 
-Each instance goes on in the changed program as CODESYS's help has it (tests/softplc/online_change.py). Where all are
-new, they find the old regions, say so, and open new ones once those are gone.
+Each instance continues in the changed program as CODESYS's help describes (tests/softplc/online_change.py). The changed
+blocks refuse the old regions, report an error, and open new regions once the old regions are removed.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ CHANGES = {
         "uint32[2] reached": "float32[2] reached",
     },
 }
-"""What becomes of which lines. Each part of the service and of the action is changed by one or two of them."""
+"""The replaced lines of each change. One or two changes replace each part of the service and of the action."""
 REFUSED = ("REGION_SIZE_MISMATCH", "DIGEST_MISMATCH")
 
 
 @dataclass(frozen=True)
-class Made:
-    """A program, and the Python side of its messages."""
+class Version:
+    """A compiled program and the Python package of its messages."""
 
     plc: Plc
     python: ModuleType
 
 
-def made(folder: Path, change: str) -> Made:
+def build_version(folder: Path, change: str) -> Version:
     messages = MESSAGES
     for old, new in CHANGES.get(change, {}).items():
         messages = {file: text.replace(old, new) for file, text in messages.items()}
@@ -62,47 +62,47 @@ def made(folder: Path, change: str) -> Made:
     texts = pipeline.generate(config, names)
     put({path: text for path, text in texts.items() if path.startswith("python/")}, folder)
     plc = compile_st({path: text for path, text in texts.items() if path.endswith(".st")}, folder / "plc")
-    return Made(plc, module(folder, f"shm_{change}", next(iter(pipeline.lay_out(config, names)))))
+    return Version(plc, module(folder, f"shm_{change}", next(iter(pipeline.lay_out(config, names)))))
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Made]:
-    """Made once each: that of before, and the changed ones."""
-    found: dict[str, Made] = {}
+def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Version]:
+    """A function that returns the program before or after a change, and builds each program once."""
+    versions: dict[str, Version] = {}
 
-    def find(change: str) -> Made:
-        if change not in found:
-            found[change] = made(tmp_path_factory.mktemp(change), change)
-        return found[change]
+    def find(change: str) -> Version:
+        if change not in versions:
+            versions[change] = build_version(tmp_path_factory.mktemp(change), change)
+        return versions[change]
 
     return find
 
 
 @pytest.fixture
-def before(program: Callable[[str], Made]) -> Made:
-    return at(0, program("before"))
+def before(program: Callable[[str], Version]) -> Version:
+    return set_clock(0, program("before"))
 
 
 @pytest.fixture(params=CHANGES)
-def after(request: pytest.FixtureRequest, program: Callable[[str], Made]) -> Made:
-    return at(0, program(request.param))
+def after(request: pytest.FixtureRequest, program: Callable[[str], Version]) -> Version:
+    return set_clock(0, program(request.param))
 
 
-def at(ms: int, made: Made) -> Made:
-    made.plc.set_clock(ms)
-    return made
+def set_clock(ms: int, version: Version) -> Version:
+    version.plc.set_clock(ms)
+    return version
 
 
-def block(made: Made, name: str, topic: str, **inputs: Any) -> Block:
-    found = made.plc.block(f"FB_a_msgs_{name}")
-    where = {"Demo": "sTopic", "Ask": "sService", "Go": "sAction"}[name.partition("_")[0]]
-    for name, value in {"xEnable": True, where: topic, **inputs}.items():
-        setattr(found, name, value)
-    return found
+def block(version: Version, name: str, topic: str, **inputs: Any) -> Block:
+    instance = version.plc.block(f"FB_a_msgs_{name}")
+    name_input = {"Demo": "sTopic", "Ask": "sService", "Go": "sAction"}[name.partition("_")[0]]
+    for name, value in {"xEnable": True, name_input: topic, **inputs}.items():
+        setattr(instance, name, value)
+    return instance
 
 
-def remove(topic: str, after: Made) -> None:
-    """The regions that the changed program refuses, as an engineer does who was told so."""
+def remove_refused_regions(topic: str, after: Version) -> None:
+    """Remove the regions that the changed program refuses, as an engineer does after such an error."""
     new = {after.plc.globals(name).SHM_DIGEST for name in after.plc.types if name.startswith("GVL_A_MSGS")}
     for file in Path("/dev/shm").glob(f"{region_name(topic)}*"):
         if int.from_bytes(file.read_bytes()[8:16], "little") not in new:
@@ -110,8 +110,8 @@ def remove(topic: str, after: Made) -> None:
                 also.unlink()
 
 
-def open_anew(*blocks: Block) -> None:
-    """The old regions are gone; long enough passes for all to open new ones."""
+def let_blocks_open(*blocks: Block) -> None:
+    """Advance the clock until all blocks have opened new regions. The old regions must be removed before."""
     now = blocks[0].plc.now
     for ms in (RETRY, CLAIM, CONFIRM, CLAIM, CONFIRM):
         now += ms
@@ -124,7 +124,7 @@ def open_anew(*blocks: Block) -> None:
 
 
 @pytest.mark.slow
-def test_a_publisher_leaves_the_region_of_the_old_message(before: Made, after: Made, topic: str) -> None:
+def test_publisher_writes_nothing_into_the_old_region(before: Version, after: Version, topic: str) -> None:
     old = ready(block(before, "Demo_Publisher", topic))
     assert old.xSent
     old.Msg.a, old.Msg.b = 7, 9
@@ -138,8 +138,8 @@ def test_a_publisher_leaves_the_region_of_the_old_message(before: Made, after: M
             assert (new.xSent, new.xError, new.eErrorID in REFUSED) == (False, True, True)
         assert Memory(topic).bytes()[192:] == samples
         assert subscriber.read() is None
-    remove(topic, after)
-    open_anew(new)
+    remove_refused_regions(topic, after)
+    let_blocks_open(new)
     assert (new.xSent, new.eErrorID) == (True, "NO_ERROR")
     with after.python.DemoSubscriber(topic) as subscriber:
         message = subscriber.read()
@@ -147,7 +147,7 @@ def test_a_publisher_leaves_the_region_of_the_old_message(before: Made, after: M
 
 
 @pytest.mark.family("[larger]")
-def test_a_subscriber_takes_nothing_of_the_old_message(before: Made, after: Made, topic: str) -> None:
+def test_subscriber_reads_no_sample_of_the_old_message(before: Version, after: Version, topic: str) -> None:
     with before.python.DemoPublisher(topic) as publisher:
         publisher.publish(before.python.Demo(a=1, b=2, v=[1.5] * 4))
         old = block(before, "Demo_Subscriber", topic)()
@@ -158,24 +158,22 @@ def test_a_subscriber_takes_nothing_of_the_old_message(before: Made, after: Made
             new()
             assert (new.xNewData, new.xValid, new.eErrorID in REFUSED) == (False, False, True)
         assert (new.Msg.a, list(new.Msg.v), new.Msg.b) == (1, [0] * len(new.Msg.v), 2)
-    remove(topic, after)
+    remove_refused_regions(topic, after)
     with after.python.DemoPublisher(topic) as publisher:
         publisher.publish(after.python.Demo(a=3, b=4, v=range(len(new.Msg.v))))
-        open_anew(new)
+        let_blocks_open(new)
         assert (new.xValid, new.eErrorID) == (True, "NO_ERROR")
         assert (new.Msg.a, list(new.Msg.v), new.Msg.b) == (3, list(range(len(new.Msg.v))), 4)
 
 
 @pytest.mark.family("[smaller]")
-def test_a_sample_read_before_counts_no_longer_once_the_region_is_that_of_the_new_message(
-    before: Made, after: Made, topic: str
-) -> None:
-    """Python has changed first, and made a region of the new message while this block held the old one."""
+def test_old_sample_is_invalid_in_the_new_region(before: Version, after: Version, topic: str) -> None:
+    """Drop the old sample if Python changed first and has already created the region of the new message."""
     with before.python.DemoPublisher(topic) as publisher:
         publisher.publish(before.python.Demo(a=1))
         old = block(before, "Demo_Subscriber", topic)()
         assert old.xValid
-    remove(topic, after)
+    remove_refused_regions(topic, after)
     with after.python.DemoPublisher(topic) as publisher:
         new = online_change(old, after.plc)
         assert (new().xValid, new.xNewData, new.eErrorID) == (False, False, "NO_ERROR")
@@ -184,8 +182,8 @@ def test_a_sample_read_before_counts_no_longer_once_the_region_is_that_of_the_ne
 
 
 @pytest.mark.parametrize("name", ["Demo_Publisher", "Demo_Subscriber"])
-def test_a_method_called_before_the_block_touches_nothing(before: Made, after: Made, topic: str, name: str) -> None:
-    """The runtime has called FB_Reinit by then."""
+def test_method_called_before_the_block_writes_nothing(before: Version, after: Version, topic: str, name: str) -> None:
+    """Return FALSE from Read and Write, because the runtime has called FB_Reinit before."""
     old = ready(block(before, name, topic))
     with before.python.DemoPublisher(f"{topic}/other"):
         bytes_before = Memory(topic).bytes()[192:]
@@ -194,10 +192,10 @@ def test_a_method_called_before_the_block_touches_nothing(before: Made, after: M
         assert Memory(topic).bytes()[192:] == bytes_before
 
 
-def test_without_fb_reinit_the_next_call_sees_it(
-    before: Made, after: Made, topic: str, monkeypatch: pytest.MonkeyPatch
+def test_block_detects_a_change_without_fb_reinit(
+    before: Version, after: Version, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where only code was exchanged, no method is called."""
+    """Report the change in the next call. CODESYS calls no method if only code was exchanged."""
     old = ready(block(before, "Demo_Publisher", topic))
     samples = Memory(topic).bytes()[192:]
     monkeypatch.setattr(type(after.plc), "runs", lambda plc, name, method="": not method)
@@ -207,8 +205,8 @@ def test_without_fb_reinit_the_next_call_sees_it(
     assert Memory(topic).bytes()[192:] == samples
 
 
-def test_the_same_message_goes_on(program: Callable[[str], Made], before: Made, topic: str) -> None:
-    """Moved in memory, and nothing else: no sample is left out, nothing is opened anew."""
+def test_unchanged_message_needs_no_reopening(program: Callable[[str], Version], before: Version, topic: str) -> None:
+    """Keep the regions open and skip no sample if an online change only moves the instances in memory."""
     publisher, subscriber = ready(block(before, "Demo_Publisher", topic)), block(before, "Demo_Subscriber", topic)()
     first = publisher.udiSequence
     publisher, subscriber = (online_change(one, before.plc) for one in (publisher, subscriber))
@@ -225,47 +223,47 @@ PAIRS = [("Ask_Server", "Ask_Client"), ("Go_ActionServer", "Go_ActionClient")]
 
 @pytest.fixture(params=PAIRS, ids=["service", "action"])
 def names(request: pytest.FixtureRequest) -> tuple[str, str]:
-    """Of a server and its client."""
+    """The names of a server block and its client block."""
     return request.param
 
 
 @pytest.fixture
-def pair(names: tuple[str, str], before: Made, topic: str) -> tuple[Block, Block]:
-    """A server, and a client whose call it serves just now."""
+def pair(names: tuple[str, str], before: Version, topic: str) -> tuple[Block, Block]:
+    """A server block and a client block whose call is in progress."""
     server, client = (ready(block(before, name, topic)) for name in names)
     client(xExecute=True)
     assert (server().xExecute, client().xBusy) == (True, True)
     return server, client
 
 
-def slots(topic: str) -> dict[str, bytes]:
-    """What is in the slots of all regions of a service or action."""
+def read_slots(topic: str) -> dict[str, bytes]:
+    """Return the bytes of the slots of all regions of a service or action."""
     prefix = region_name(topic)
     return {path.name: path.read_bytes()[192:] for path in Path("/dev/shm").glob(f"{prefix}-*")}
 
 
-def test_a_call_fails_with_its_messages(
-    names: tuple[str, str], pair: tuple[Block, Block], after: Made, topic: str
+def test_call_in_progress_fails_after_a_change(
+    names: tuple[str, str], pair: tuple[Block, Block], after: Version, topic: str
 ) -> None:
-    """Once, and is not sent again while xExecute stays: the server may have done it."""
+    """Send the call no second time while xExecute stays TRUE, because the server may have executed the call."""
     server, client = pair
-    samples = slots(topic)
+    samples = read_slots(topic)
     new = online_change(client, after.plc)
     for _ in range(3):
         new()
         assert (new.xError, new.xBusy, new.xDone, new.eErrorID) == (True, False, False, "DIGEST_MISMATCH")
     new(xExecute=False)
     assert (new.xError, new.eErrorID in REFUSED) == (False, True)
-    assert slots(topic) == samples
-    remove(topic, after)
+    assert read_slots(topic) == samples
+    remove_refused_regions(topic, after)
     server = block(after, names[0], topic)
-    open_anew(server, new)
+    let_blocks_open(server, new)
     new(xExecute=True)
     assert (server().xExecute, server(xDone=True).xExecute) == (True, False)
     assert (new().xDone, new.eErrorID) == (True, "NO_ERROR")
 
 
-def test_a_call_that_has_ended_is_not_made_again(pair: tuple[Block, Block], after: Made, topic: str) -> None:
+def test_finished_call_is_not_sent_again(pair: tuple[Block, Block], after: Version, topic: str) -> None:
     server, client = pair
     server(xDone=True)
     assert client().xDone
@@ -275,19 +273,19 @@ def test_a_call_that_has_ended_is_not_made_again(pair: tuple[Block, Block], afte
     assert new(xExecute=False).xDone is False
 
 
-def test_a_server_lets_go_of_the_call(
-    names: tuple[str, str], pair: tuple[Block, Block], after: Made, topic: str
+def test_server_drops_its_call_after_a_change(
+    names: tuple[str, str], pair: tuple[Block, Block], after: Version, topic: str
 ) -> None:
-    samples = slots(topic)
+    samples = read_slots(topic)
     new = online_change(pair[0], after.plc)
     for _ in range(3):
         new(xDone=True)
         assert (new.xExecute, new.xError, new.eErrorID in REFUSED) == (False, True, True)
-    assert slots(topic) == samples
-    remove(topic, after)
+    assert read_slots(topic) == samples
+    remove_refused_regions(topic, after)
     caller = block(after, names[1], topic)
     new(xDone=False)
-    open_anew(new, caller)
+    let_blocks_open(new, caller)
     caller(xExecute=True)
     assert (new().xExecute, new(xDone=True).xExecute, caller().xDone) == (True, False, True)
 
@@ -307,8 +305,8 @@ DECLARED = [
 
 
 @pytest.mark.parametrize(("own", "name"), DECLARED)
-def test_no_block_lies_in_retained_memory(tmp_path: Path, own: str, name: str) -> None:
-    """Its pointers would come back after a power failure, and what they point to would not."""
+def test_blocks_are_refused_in_retained_memory(tmp_path: Path, own: str, name: str) -> None:
+    """Refuse the declaration: after a power failure, the pointers would be restored, but not the mapped memory."""
     put(MESSAGES, tmp_path)
     config = Config(tmp_path, path=(tmp_path,), targets=("st",))
     texts = pipeline.generate(config, ["a_msgs/Demo", "a_msgs/Ask", "a_msgs/Go"])

@@ -1,4 +1,4 @@
-"""Proof by bytes of every option: other types, encodings and bounds from Python through generated ST and C and back."""
+"""Messages pass unchanged through generated ST and C with every option for types, encodings and bounds."""
 
 from __future__ import annotations
 
@@ -41,23 +41,23 @@ SETS = {
     "USINT-struct-latin1": TypeOptions("USINT", "struct", "latin-1", "error"),
     "USINT-TIME-utf8-truncate": TypeOptions("USINT", "TIME", "utf-8", "truncate"),
 }
-"""Every value of an option beside every value of every other."""
+"""Sets of options. They combine each value of an option with each value of every other option."""
 
 
-def test_the_sets_hold_every_pair() -> None:
+def test_sets_contain_every_pair_of_values() -> None:
     values = [("USINT", "BOOL"), ("TIME", "LTIME", "struct"), ("utf-8", "latin-1"), ("error", "truncate")]
-    made = [(it.bool, it.time, it.encoding, it.overflow) for it in SETS.values()]
+    combinations = [(it.bool, it.time, it.encoding, it.overflow) for it in SETS.values()]
     for one, other in ((a, b) for a in range(4) for b in range(a)):
-        assert {(it[one], it[other]) for it in made} == set(product(values[one], values[other]))
+        assert {(it[one], it[other]) for it in combinations} == set(product(values[one], values[other]))
 
 
 @pytest.mark.parametrize("name", SETS)
 @pytest.mark.slow
-def test_a_sample_under_each_set(name: str, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str) -> None:
-    """About 20 messages of ROS 2 that hold all that an option changes, alone, in arrays and in sequences."""
-    config, capacities = configured(corpus, "jazzy", SETS[name], f"shm_sample_{list(SETS).index(name)}")
+def test_sample_with_each_set(name: str, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str) -> None:
+    """Test about 20 messages of ROS 2 with all types that options change, alone, in arrays and in sequences."""
+    config, capacities = build_config(corpus, "jazzy", SETS[name], f"shm_sample_{list(SETS).index(name)}")
     layouts = pipeline.lay_out(config, plc_bytes.corpus_names(config))
-    chosen = sample(layouts)
+    chosen = select_messages(layouts)
     folder = tmp_path_factory.mktemp("options")
     proof = plc_bytes.make(config, chosen, folder)
     assert_bounded(proof.layouts, capacities)
@@ -66,17 +66,17 @@ def test_a_sample_under_each_set(name: str, corpus: Path, tmp_path_factory: pyte
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """All messages under all sets take minutes: the first, or what `--options-set` says."""
+    """Use the sets that `--options-set` selects, or the first set. All messages with all sets take minutes."""
     if "chosen" in metafunc.fixturenames:
-        said = metafunc.config.getoption("--options-set")
-        metafunc.parametrize("chosen", SETS if said == "all" else [said or next(iter(SETS))])
+        option = metafunc.config.getoption("--options-set")
+        metafunc.parametrize("chosen", SETS if option == "all" else [option or next(iter(SETS))])
 
 
 @pytest.mark.slow
-def test_every_message_of_ros_1_under_a_chosen_set(
+def test_ros_1_messages_pass_with_the_chosen_set(
     chosen: str, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str
 ) -> None:
-    config, capacities = configured(corpus, "noetic", SETS[chosen], "shm_noetic_options")
+    config, capacities = build_config(corpus, "noetic", SETS[chosen], "shm_noetic_options")
     proof = plc_bytes.make(config, plc_bytes.corpus_names(config), tmp_path_factory.mktemp(chosen))
     assert_bounded(proof.layouts, capacities)
     plc_bytes.prove(proof, topic)
@@ -85,13 +85,13 @@ def test_every_message_of_ros_1_under_a_chosen_set(
 # --- bounds -------------------------------------------------------------------------------------------
 
 LEVELS = {"bounds": (2, 4, 5), "strings": (21, 13, 7)}
-"""What the lines of a package, a message and a field say."""
+"""The bounds that the configuration gives to a package, a message and a field."""
 
 
-def configured(
+def build_config(
     corpus: Path, distribution: str, options: TypeOptions, package: str
 ) -> tuple[Config, dict[tuple[str, str], int]]:
-    """Lines for each package, every third message and every fifth field; and what each field is to have of them."""
+    """Return bounds of packages, every third message and every fifth field, and the capacity that each field gets."""
     config = Config(
         corpus, source=distribution, path=(corpus / distribution,), types=options, package=package, max_region=2**26
     )
@@ -101,24 +101,24 @@ def configured(
     for number, message in enumerate(schema.messages):
         for section, (of_package, of_message, of_field) in LEVELS.items():
             table = tables[section]
-            table[message.name.package] = line(of_package)
+            table[message.name.package] = make_bound(of_package)
             if number % 3 == 0:
-                table[message.name.short] = line(of_message)
+                table[message.name.short] = make_bound(of_message)
             for place, field in enumerate(message.fields):
                 if is_open(field, section):
                     key = f"{message.name.short}.{field.name}"
-                    wanted = of_message if number % 3 == 0 else of_package
+                    capacity = of_message if number % 3 == 0 else of_package
                     if (number + place) % 5 == 0:
-                        wanted = of_field
-                    wanted = max(wanted, needed(field, section, options))
-                    if (number + place) % 5 == 0 or needed(field, section, options) == wanted:
-                        table[key] = line(wanted)
-                    capacities[section, key] = wanted
+                        capacity = of_field
+                    capacity = max(capacity, required_capacity(field, section, options))
+                    if (number + place) % 5 == 0 or required_capacity(field, section, options) == capacity:
+                        table[key] = make_bound(capacity)
+                    capacities[section, key] = capacity
     bounds = Bounds(tables["strings"], tables["bounds"])
     return dataclasses.replace(config, bounds=bounds), capacities
 
 
-def line(value: int) -> Bound:
+def make_bound(value: int) -> Bound:
     return Bound(value, Span("shmgen.toml"))
 
 
@@ -131,8 +131,8 @@ def is_open(field: Field, section: str) -> bool:
     return isinstance(type_, kind) and type_.capacity is None
 
 
-def needed(field: Field, section: str, options: TypeOptions) -> int:
-    """Room for its default."""
+def required_capacity(field: Field, section: str, options: TypeOptions) -> int:
+    """Return the capacity that the field's default requires."""
     default = field.default
     if section == "bounds":
         return len(default) if isinstance(default, tuple) else 0
@@ -142,7 +142,7 @@ def needed(field: Field, section: str, options: TypeOptions) -> int:
 
 
 def assert_bounded(layouts: Layouts, capacities: dict[tuple[str, str], int]) -> None:
-    """The most specific line has won."""
+    """Require the capacity of the most specific bound in each field."""
     for name, layout in layouts.items():
         for slot in layout.slots:
             if slot.role is Role.DATA:
@@ -157,8 +157,8 @@ def assert_bounded(layouts: Layouts, capacities: dict[tuple[str, str], int]) -> 
 # --- the sample ---------------------------------------------------------------------------------------
 
 
-def sample(layouts: Layouts) -> list[str]:
-    """The first message that has something no message before it had: the smallest ones come first."""
+def select_messages(layouts: Layouts) -> list[str]:
+    """Select each message with a feature that no smaller message has."""
     seen: set[tuple[str, ...]] = set()
     chosen = []
     for name, layout in sorted(layouts.items(), key=lambda item: (item[1].size, item[0])):
@@ -172,7 +172,7 @@ def sample(layouts: Layouts) -> list[str]:
 
 
 def features(name: TypeName, layouts: Layouts, within: str = "") -> Iterator[tuple[str, str, str]]:
-    """What an option changes, in which shape, and held how."""
+    """Yield each type that an option changes, with its shape and the shape of the outermost field."""
     for slot in layouts[name].slots:
         if slot.role is not Role.DATA:
             continue
@@ -188,7 +188,7 @@ def features(name: TypeName, layouts: Layouts, within: str = "") -> Iterator[tup
 
 
 def assert_compiles_on_all_machines(folder: Path) -> None:
-    """The headers assert every offset and size; a failed assert is a failed compile."""
+    """Compile the headers, which assert every offset and size."""
     source = "".join(f'#include "{path.relative_to(folder)}"\n' for path in sorted(folder.rglob("*.h")))
     for compiler, _ in MACHINES.values():
         if shutil.which(compiler):

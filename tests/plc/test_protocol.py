@@ -1,6 +1,6 @@
-"""The generated blocks, running, against the Python runtime: who is there first, what cannot work, who may write.
+"""Generated blocks follow the same protocol as the Python runtime: start order, errors, and one writer per topic.
 
-The PLC's clock stands still but for what a test adds to it, and begins just before it wraps round.
+The PLC's clock changes only when a test advances it, and starts shortly before it wraps around.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from ..support.plc_demo import CLAIM, CONFIRM, HEAL, RETRY, Clock, Demo, Memory,
 # --- both start orders --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("born", [0, 1])
+@pytest.mark.parametrize("initial_value", [0, 1])
 @pytest.mark.usefixtures("sizes")
-def test_python_first(demo: Demo, topic: str, born: int) -> None:
-    demo.plc.born(born)
+def test_plc_opens_the_region_of_python(demo: Demo, topic: str, initial_value: int) -> None:
+    demo.plc.born(initial_value)
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(1))
         publisher.publish(demo.message(2))
@@ -43,13 +43,13 @@ def test_python_first(demo: Demo, topic: str, born: int) -> None:
     assert semaphore(topic).value == 1
 
 
-@pytest.mark.parametrize("born", [0, 1])
+@pytest.mark.parametrize("initial_value", [0, 1])
 @pytest.mark.usefixtures("sizes")
-def test_plc_first(demo: Demo, clock: Clock, topic: str, born: int) -> None:
-    demo.plc.born(born)
+def test_python_opens_the_region_of_a_plc(demo: Demo, clock: Clock, topic: str, initial_value: int) -> None:
+    demo.plc.born(initial_value)
     block = demo.publisher(topic)
     block.Msg.a = 7
-    assert (block().xBusy, block().xSent) == (True, False)  # its name stands there, and may be written over
+    assert (block().xBusy, block().xSent) == (True, False)  # the name is written, but not confirmed yet
     clock.add(CONFIRM)
     assert (block().xSent, block.udiSequence, block.eErrorID) == (True, 1, "NO_ERROR")
     assert (semaphore(topic).value, semaphore(topic, "-event").value) == (1, 0)
@@ -71,35 +71,35 @@ def test_plc_first(demo: Demo, clock: Clock, topic: str, born: int) -> None:
         assert (block.xSent, subscriber.read()) == (False, None)
 
 
-def test_a_sample_has_the_time_that_the_plc_was_given(demo: Demo, topic: str) -> None:
-    """As delay and the recorder see it; 0 is none."""
+def test_sample_has_the_time_of_the_plc_clock(demo: Demo, topic: str) -> None:
+    """Read the time as `shmgen delay` and the recorder do. The value 0 means that there is no time."""
     block, clock = demo.opened(topic), demo.plc.globals("GVL_ShmClock")
-    with View(region_name(topic)) as view, watcher(view) as seen:
+    with View(region_name(topic)) as view, watcher(view) as observer:
         for now in (0, 1_700_000_000_123_456_789, 0):
             clock.lwNow = now
             number = block().udiSequence
-            assert [(one.number, one.stamp) for one in seen.samples()][-1] == (number, now)
+            assert [(one.number, one.stamp) for one in observer.samples()][-1] == (number, now)
             assert view.stamp(number, view.header()) == now
 
 
 def test_both_sides_write_the_same_header(demo: Demo, topic: str) -> None:
     demo.subscriber(topic)()
     with demo.python.DemoSubscriber(f"{topic}/python"):
-        Memory(topic)["ordered"] = Memory(f"{topic}/python")["ordered"]  # a PLC does not know on what it runs
+        Memory(topic)["ordered"] = Memory(f"{topic}/python")["ordered"]  # a PLC does not know its processor
         assert Memory(topic).bytes() == Memory(f"{topic}/python").bytes()
 
 
 @pytest.mark.parametrize("letters", [1, 63, 64, 80, 95])
-def test_a_type_name_of_any_length_is_whole(demo: Demo, topic: str, letters: int) -> None:
+def test_type_name_of_any_length_is_complete(demo: Demo, topic: str, letters: int) -> None:
     name = ("kartech_linear_actuator_msgs/msg/" + 95 * "N")[:letters]
     region = demo.plc.block("FB_ShmRegion")
     assert region.method("Init", sTopic=topic, sTypeName=name, lwDigest=1, udiPayloadSize=8, udiSizeOf=8, udiDepth=1)
-    assert not region.method("Cycle")  # who has written the header looks at it again
+    assert not region.method("Cycle")  # the block checks the header one call after writing it
     assert region.method("Cycle")
     assert read_header(region_name(topic)) == header_for(name, 1, 8, 1)
 
 
-def test_a_reader_waits_for_a_writer(demo: Demo, topic: str) -> None:
+def test_subscriber_waits_for_a_publisher(demo: Demo, topic: str) -> None:
     block = demo.subscriber(topic)()
     assert (block.xBusy, block.xError) == (True, False)
     block()
@@ -109,25 +109,25 @@ def test_a_reader_waits_for_a_writer(demo: Demo, topic: str) -> None:
         assert (block().xNewData, block.Msg.a) == (True, 5)
 
 
-# --- what cannot work ---------------------------------------------------------------------------------
+# --- errors -------------------------------------------------------------------------------------------
 
-FOREIGN = {
+INCOMPATIBLE = {
     "NOT_A_REGION": (0, b"OTHER\0\0\0"),
     "ABI_MISMATCH": (4, b"\1\0"),
     "DIGEST_MISMATCH": (8, b"\x99"),
     "PAYLOAD_MISMATCH": (16, b"\x99"),
     "DEPTH_MISMATCH": (28, b"\4"),
 }
-"""Error -> bytes that make the region foreign, and where."""
+"""The offset and the bytes that make a region incompatible, for each error."""
 
 
 @pytest.mark.parametrize("side", ["publisher", "subscriber"])
-@pytest.mark.parametrize("error", FOREIGN)
-def test_a_foreign_region_is_left_alone(demo: Demo, clock: Clock, topic: str, side: str, error: str) -> None:
+@pytest.mark.parametrize("error", INCOMPATIBLE)
+def test_incompatible_region_is_not_changed(demo: Demo, clock: Clock, topic: str, side: str, error: str) -> None:
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(1))
         memory = Memory(topic)
-        offset, data = FOREIGN[error]
+        offset, data = INCOMPATIBLE[error]
         memory.poke(offset, data)
         before = memory.bytes()
         block = getattr(demo, side)(topic)
@@ -138,10 +138,10 @@ def test_a_foreign_region_is_left_alone(demo: Demo, clock: Clock, topic: str, si
         assert memory.bytes() == before
 
 
-@pytest.mark.parametrize(("theirs", "error"), [(3, "DEPTH_MISMATCH"), (200, "REGION_SIZE_MISMATCH")])
+@pytest.mark.parametrize(("depth", "error"), [(3, "DEPTH_MISMATCH"), (200, "REGION_SIZE_MISMATCH")])
 @pytest.mark.usefixtures("sizes")
-def test_another_depth(demo: Demo, clock: Clock, topic: str, theirs: int, error: str) -> None:
-    with demo.python.DemoPublisher(topic, depth=theirs) as publisher:
+def test_region_with_another_depth_is_refused(demo: Demo, clock: Clock, topic: str, depth: int, error: str) -> None:
+    with demo.python.DemoPublisher(topic, depth=depth) as publisher:
         publisher.publish(demo.message(1))
         before = Memory(topic).bytes()
         block = demo.subscriber(topic)()
@@ -151,10 +151,10 @@ def test_another_depth(demo: Demo, clock: Clock, topic: str, theirs: int, error:
         assert Memory(topic).bytes() == before
         block(xEnable=False)
         assert (block.xError, block.eErrorID) == (False, "NO_ERROR")
-        assert block(xEnable=True, udiDepth=theirs).xNewData
+        assert block(xEnable=True, udiDepth=depth).xNewData
 
 
-def test_another_message(demo: Demo, topic: str) -> None:
+def test_region_of_another_message_is_refused(demo: Demo, topic: str) -> None:
     demo.plc.block("FB_demo_msgs_Other_Publisher")(xEnable=True, sTopic=topic)
     before = Memory(topic).bytes()
     assert demo.publisher(topic)().eErrorID == "DIGEST_MISMATCH"
@@ -162,7 +162,7 @@ def test_another_message(demo: Demo, topic: str) -> None:
     assert Memory(topic).bytes() == before
 
 
-def test_what_was_wrong_is_tried_again_every_500_ms(demo: Demo, clock: Clock, topic: str) -> None:
+def test_opening_is_retried_every_500_ms(demo: Demo, clock: Clock, topic: str) -> None:
     demo.subscriber(topic)()
     memory = Memory(topic)
     memory["magic"] = 5
@@ -172,7 +172,11 @@ def test_what_was_wrong_is_tried_again_every_500_ms(demo: Demo, clock: Clock, to
     assert block().eErrorID == "NOT_A_REGION"
     clock.add(1)
     block()
-    assert (block().eErrorID, block.xError, block.xSent) == ("NOT_A_REGION", True, False)  # until it is ready
+    assert (block().eErrorID, block.xError, block.xSent) == (
+        "NOT_A_REGION",
+        True,
+        False,
+    )  # until the claim succeeds
     clock.add(CONFIRM)
     assert (block().eErrorID, block.xError, block.xSent) == ("NO_ERROR", False, True)
 
@@ -187,14 +191,14 @@ TOPICS = {
 
 
 @pytest.mark.parametrize("wrong", TOPICS)
-def test_a_topic_that_cannot_be(demo: Demo, clock: Clock, wrong: str) -> None:
+def test_invalid_topic_is_refused(demo: Demo, clock: Clock, wrong: str) -> None:
     block = demo.subscriber(wrong)()
     assert (block.eErrorID, block.xError) == (TOPICS[wrong], True)
     clock.add(10_000)
     assert block().eErrorID == TOPICS[wrong]
 
 
-def test_topics_become_the_names_that_python_gives_them(demo: Demo, topic: str) -> None:
+def test_plc_and_python_use_the_same_region_names(demo: Demo, topic: str) -> None:
     for name in (f"{topic}/Z_9", f"{topic[1:]}/b", f"{topic}/{'x' * (74 - len(topic))}"):
         assert demo.opened(name).eErrorID == "NO_ERROR"
         with demo.python.DemoSubscriber(name) as subscriber:
@@ -202,11 +206,11 @@ def test_topics_become_the_names_that_python_gives_them(demo: Demo, topic: str) 
 
 
 @pytest.mark.parametrize("depth", [0, 65536])
-def test_a_depth_that_cannot_be(demo: Demo, topic: str, depth: int) -> None:
+def test_invalid_depth_is_refused(demo: Demo, topic: str, depth: int) -> None:
     assert demo.subscriber(topic, udiDepth=depth)().eErrorID == "DEPTH_INVALID"
 
 
-def test_a_compiler_that_lays_out_otherwise(demo: Demo, topic: str) -> None:
+def test_structure_of_another_size_is_refused(demo: Demo, topic: str) -> None:
     region = demo.plc.block("FB_ShmRegion")
     sizes = {"udiPayloadSize": 64, "udiSizeOf": 60}
     assert region.method("Init", sTopic=topic, sTypeName="a/msg/B", lwDigest=1, udiDepth=1, **sizes) is False
@@ -227,7 +231,7 @@ FAILURES = {
 
 
 @pytest.mark.parametrize("error", FAILURES)
-def test_what_the_system_refuses(demo: Demo, clock: Clock, topic: str, error: str) -> None:
+def test_failed_system_function_is_reported_and_retried(demo: Demo, clock: Clock, topic: str, error: str) -> None:
     demo.plc.fail(*FAILURES[error])
     block = demo.publisher(topic)()
     assert (block.eErrorID, block.xSent) == (error, False)
@@ -239,7 +243,7 @@ def test_what_the_system_refuses(demo: Demo, clock: Clock, topic: str, error: st
     assert (block().eErrorID, block.xSent) == ("NO_ERROR", True)
 
 
-def test_a_lock_that_is_broken(demo: Demo, clock: Clock, topic: str) -> None:
+def test_failing_lock_is_reported_and_reopened(demo: Demo, clock: Clock, topic: str) -> None:
     block = demo.opened(topic)
     demo.plc.fail("SysSemProcessEnter", 1)
     for _ in range(10):
@@ -256,8 +260,8 @@ def test_a_lock_that_is_broken(demo: Demo, clock: Clock, topic: str) -> None:
 
 
 @pytest.mark.parametrize("side", ["publisher", "subscriber"])
-def test_a_region_that_is_retired_is_opened_anew(demo: Demo, clock: Clock, topic: str, side: str) -> None:
-    """The PLC lets go at once, and waits where the name is still to be taken away."""
+def test_block_reopens_a_retired_region(demo: Demo, clock: Clock, topic: str, side: str) -> None:
+    """Close the retired region at once, and wait until its file is removed."""
     block = getattr(demo, side)(topic)()
     clock.add(CONFIRM)
     assert block().eErrorID == "NO_ERROR"
@@ -281,7 +285,7 @@ def test_a_region_that_is_retired_is_opened_anew(demo: Demo, clock: Clock, topic
             assert (block().xNewData, block.Msg.a) == (True, 7)
 
 
-def test_every_error_has_been_seen(demo: Demo) -> None:
+def test_every_error_has_a_test(demo: Demo) -> None:
     here = "".join(
         Path(__file__).with_name(f"test_{name}.py").read_text() for name in ("protocol", "services", "counts")
     )
@@ -292,28 +296,26 @@ def test_every_error_has_been_seen(demo: Demo) -> None:
 # --- one writer ---------------------------------------------------------------------------------------
 
 
-def test_a_second_plc_gives_way_to_the_first(demo: Demo, clock: Clock, topic: str) -> None:
+def test_second_plc_publisher_is_refused(demo: Demo, clock: Clock, topic: str) -> None:
     first, second = demo.opened(topic), demo.publisher(topic)()
     assert (second.xBusy, second.xError, second.xSent) == (True, False, False)
     first()
     assert (second().eErrorID, second.xSent, first().xSent) == ("WRITER_IN_USE", False, True)
 
 
-def test_a_writer_whose_heartbeat_stands_is_gone(demo: Demo, clock: Clock, topic: str) -> None:
+def test_writer_without_a_heartbeat_is_replaced(demo: Demo, clock: Clock, topic: str) -> None:
     first, second = demo.opened(topic), demo.publisher(topic)()
     clock.add(CLAIM - 1)
     assert second().xBusy
     clock.add(1)
     assert second().xBusy
     clock.add(CONFIRM)
-    assert (second().xSent, second.udiSequence) == (True, 3)  # 2 is that which the first may still use
-    assert first().eErrorID == "WRITER_IN_USE"  # it comes back, and sees that somebody else has taken over
+    assert (second().xSent, second.udiSequence) == (True, 3)  # the first writer may still use 2
+    assert first().eErrorID == "WRITER_IN_USE"  # the first writer detects that another has taken over
     assert (second().xSent, second.udiSequence) == (True, 4)
 
 
-def test_a_lock_left_by_the_writer_before_is_freed_while_the_topic_is_watched(
-    demo: Demo, clock: Clock, topic: str
-) -> None:
+def test_lock_of_a_dead_writer_is_recovered_before_a_claim(demo: Demo, clock: Clock, topic: str) -> None:
     demo.opened(topic)
     lock, memory = semaphore(topic), Memory(topic)
     lock.acquire(0)
@@ -328,9 +330,7 @@ def test_a_lock_left_by_the_writer_before_is_freed_while_the_topic_is_watched(
     assert (block().xSent, block.udiLockMisses) == (True, 1)
 
 
-def test_a_writer_on_standby_takes_over_a_second_after_the_last_sign_of_life(
-    demo: Demo, clock: Clock, topic: str
-) -> None:
+def test_standby_writer_takes_over_after_a_second(demo: Demo, clock: Clock, topic: str) -> None:
     with demo.python.DemoPublisher(topic) as publisher:
         block = demo.publisher(topic)()
         for _ in range(5):
@@ -342,11 +342,11 @@ def test_a_writer_on_standby_takes_over_a_second_after_the_last_sign_of_life(
     assert not block().xSent
     clock.add(CONFIRM)
     assert (block().xSent, block.eErrorID, block.udiLockMisses) == (True, "NO_ERROR", 0)
-    assert Memory(topic)["lock_count"] > 5 + 1  # it has tried the lock, and given it back
+    assert Memory(topic)["lock_count"] > 5 + 1  # the block has acquired and released the lock
     assert semaphore(topic).value == 1
 
 
-def test_the_plc_gives_way_to_python(demo: Demo, topic: str) -> None:
+def test_plc_publisher_is_refused_while_python_publishes(demo: Demo, topic: str) -> None:
     with demo.python.DemoPublisher(topic) as publisher:
         block = demo.publisher(topic)()
         assert (block.xBusy, block.xSent) == (True, False)
@@ -354,33 +354,33 @@ def test_the_plc_gives_way_to_python(demo: Demo, topic: str) -> None:
         assert (block().eErrorID, Memory(topic)["writer"]) == ("WRITER_IN_USE", os.getpid())
 
 
-def test_python_takes_over_a_plc_that_stands_still(demo: Demo, topic: str) -> None:
+def test_python_takes_over_from_a_stopped_plc(demo: Demo, topic: str) -> None:
     block = demo.opened(topic)
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(1))
         assert (block().eErrorID, block.xSent, Memory(topic)["writer"]) == ("WRITER_IN_USE", False, os.getpid())
 
 
-def test_python_gives_way_to_a_plc_that_runs(demo: Demo, topic: str) -> None:
+def test_python_publisher_is_refused_while_a_plc_runs(demo: Demo, topic: str) -> None:
     block = demo.opened(topic)
-    runs = threading.Thread(target=block.run, args=(0.001, 600))
-    runs.start()
+    thread = threading.Thread(target=block.run, args=(0.001, 600))
+    thread.start()
     try:
         with pytest.raises(RegionInUse, match="PLC"):
             demo.python.DemoPublisher(topic)
     finally:
-        runs.join()
+        thread.join()
 
 
-def test_an_orderly_end_frees_the_topic(demo: Demo, topic: str) -> None:
+def test_disabled_publisher_releases_the_topic(demo: Demo, topic: str) -> None:
     block = demo.opened(topic)
     block(xEnable=False)
     assert (Memory(topic)["writer"], block.xError, block.xBusy) == (0, False, False)
     assert demo.opened(topic).xSent
 
 
-def test_no_call_can_wait(demo: Demo) -> None:
-    """Beside what each test here counts: the text itself knows no other time limit."""
+def test_blocks_enter_semaphores_without_waiting(demo: Demo) -> None:
+    """Search the generated text for other time limits. The fixtures count waits at run time."""
     for path, text in demo.texts.items():
         if path.endswith(".st"):
             assert set(re.findall(r"SysSemProcessEnter\(\w+, ([^)]+)\)", text)) <= {"0"}, path

@@ -1,4 +1,4 @@
-"""docs/safety.md: its program in a PLC, with each thing happening that it lists, and how soon the speed is 0."""
+"""The program of docs/safety.md stops the robot in time after each event that the page lists."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CYCLE, SILENCE = 10, 100
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+def generated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
     folder = tmp_path_factory.mktemp("safety")
     (message,) = re.findall(r"# cell_msgs/msg/Command.msg\n(.*?)```", PAGE, re.DOTALL)
     toml = 'path = ["msgs"]\ntargets = ["python", "st"]\n[[topics]]\ntopic = "{}"\ntype = "cell_msgs/Command"\n'
@@ -44,33 +44,33 @@ class Cell:
 
     def send(self, **values: object) -> None:
         self.command.alive += 1
-        self.again(**values)
+        self.resend(**values)
 
-    def again(self, **values: object) -> None:
+    def resend(self, **values: object) -> None:
         for name, value in values.items():
             setattr(self.command, name, value)
         self.publisher.publish(self.command)
 
     def cycle(self) -> float:
-        """The speed after one more."""
+        """Execute one cycle and return the speed."""
         self.plc.set_clock(self.plc.now + CYCLE)
         self.ros()
         self.guard()
         return float(self.guard.lrSpeed)
 
-    def stands_after(self, each: Callable[[], object]) -> int:
-        """Milliseconds from the last new `alive`, which is that of the cycle before, until the speed is 0."""
+    def stops_after(self, each: Callable[[], object]) -> int:
+        """Return the milliseconds from the last new `alive`, one cycle before, until the speed is 0."""
         for cycle in range(1, 50):
             each()
             if self.cycle() == 0.0:
                 return cycle * CYCLE
-        raise AssertionError("it never stood")
+        raise AssertionError("the robot never stopped")
 
 
 @pytest.fixture
-def cell(made: tuple[Path, dict[str, str]], topic: str) -> Any:
-    """At 0.2 m/s."""
-    folder, st = made
+def cell(generated: tuple[Path, dict[str, str]], topic: str) -> Any:
+    """A PLC whose robot moves at 0.2 m/s."""
+    folder, st = generated
     (program,) = re.findall(r"```iecst\n(PROGRAM PRG_Guard.*?)```", PAGE, re.DOTALL)
     files = {path: text.replace("'/robot/command'", f"'{topic}'") for path, text in st.items()}
     plc = compile_st(files | {"guard.st": program})
@@ -80,7 +80,7 @@ def cell(made: tuple[Path, dict[str, str]], topic: str) -> Any:
         running = Cell(plc, publisher, Command(speed=0.2))
         for _ in range(100):
             running.send()
-            assert running.cycle() == 0.0, "it moved without a reset"
+            assert running.cycle() == 0.0, "the robot moved without a reset"
         running.send(reset=1)
         assert running.cycle() == 0.2
         running.send(reset=0)
@@ -90,7 +90,7 @@ def cell(made: tuple[Path, dict[str, str]], topic: str) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("happens", "after"),
+    ("event", "after"),
     [
         (lambda cell: cell.send(stop=1), CYCLE),
         (lambda cell: cell.send(speed=math.nan), CYCLE),
@@ -99,22 +99,20 @@ def cell(made: tuple[Path, dict[str, str]], topic: str) -> Any:
         (lambda cell: setattr(cell.guard, "xEmergencyStop", True), CYCLE),
         (lambda cell: None, SILENCE),
         (lambda cell: cell.publisher.heartbeat(), SILENCE),
-        (lambda cell: cell.again(), SILENCE),
+        (lambda cell: cell.resend(), SILENCE),
     ],
     ids=["stop", "nan", "too fast", "backwards", "emergency stop", "killed", "hangs", "the same again"],
 )
-def test_it_stands_in_time_and_does_not_move_by_itself(
-    cell: Cell, happens: Callable[[Cell], object], after: int
-) -> None:
-    assert cell.stands_after(lambda: happens(cell)) == after
+def test_robot_stops_in_time_and_waits_for_a_reset(cell: Cell, event: Callable[[Cell], object], after: int) -> None:
+    assert cell.stops_after(lambda: event(cell)) == after
     cell.guard.xEmergencyStop = False
-    was_a_value = not 0 <= cell.command.speed <= 0.25
+    was_invalid = not 0 <= cell.command.speed <= 0.25
     for _ in range(20):
         cell.send(stop=0, speed=0.2)
-        assert cell.cycle() == (0.2 if was_a_value else 0.0)
+        assert cell.cycle() == (0.2 if was_invalid else 0.0)
     cell.send(reset=1)
     assert cell.cycle() == 0.2
-    cell.send()  # a reset that stays is no edge
+    cell.send()  # a reset that stays TRUE is no rising edge
     cell.guard.xEmergencyStop = True
     assert cell.cycle() == 0.0
     cell.guard.xEmergencyStop = False

@@ -1,4 +1,4 @@
-"""The generated blocks, running, against the Python runtime: the lock, the samples, and sudden death."""
+"""Generated blocks exchange samples with the Python runtime despite held locks and killed processes."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from ..support.plc_demo import CLAIM, HEAL, Clock, Demo, Memory, semaphore
 
 
 @contextmanager
-def held(topic: str) -> Iterator[posix_ipc.Semaphore]:
+def hold_lock(topic: str) -> Iterator[posix_ipc.Semaphore]:
     lock = semaphore(topic)
     lock.acquire(0)
     yield lock
     lock.release()
 
 
-def test_a_lock_that_is_not_free_is_only_tried(demo: Demo, topic: str) -> None:
+def test_subscriber_skips_the_cycle_if_the_lock_is_held(demo: Demo, topic: str) -> None:
     with demo.python.DemoPublisher(topic, lock_timeout=0) as publisher:
         publisher.publish(demo.message(1))
         block = demo.subscriber(topic)()
-        Memory(topic)["ordered"] = 0  # as on ARM
-        with held(topic):
+        Memory(topic)["ordered"] = 0  # as on ARM, where stores may change their order
+        with hold_lock(topic):
             publisher.publish(demo.message(2))
             for misses in range(1, 4):
                 block()
@@ -43,11 +43,11 @@ def test_a_lock_that_is_not_free_is_only_tried(demo: Demo, topic: str) -> None:
         assert (block().Msg.a, block.udiMissed) == (2, 0)
 
 
-def test_where_stores_keep_their_order_a_lock_is_not_needed(demo: Demo, topic: str) -> None:
-    """A process stopped inside silences no PLC; what is released is only what was taken."""
+def test_lock_is_not_needed_if_stores_stay_in_order(demo: Demo, topic: str) -> None:
+    """Send and read samples while a process holds the lock. Blocks release only a lock that they acquired."""
     with demo.python.DemoSubscriber(f"{topic}/read") as subscriber, demo.python.DemoPublisher(topic) as publisher:
         block, writer = demo.subscriber(topic)(), demo.opened(f"{topic}/read")
-        with held(topic), held(f"{topic}/read"):
+        with hold_lock(topic), hold_lock(f"{topic}/read"):
             publisher.publish(demo.message(2))
             assert (block().xNewData, block.Msg.a, block.udiLockMisses) == (True, 2, 1)
             assert (writer().xSent, writer.udiLockMisses) == (True, 1)
@@ -57,9 +57,9 @@ def test_where_stores_keep_their_order_a_lock_is_not_needed(demo: Demo, topic: s
         assert (semaphore(topic).value, semaphore(f"{topic}/read").value) == (1, 1)
 
 
-def test_a_writer_skips_the_cycle(demo: Demo, topic: str) -> None:
+def test_publisher_skips_the_cycle_if_the_lock_is_held(demo: Demo, topic: str) -> None:
     block = demo.opened(topic)
-    with held(topic):
+    with hold_lock(topic):
         before = Memory(topic).bytes()
         assert (block().xSent, block.xError, block.udiLockMisses, block.udiSequence) == (False, False, 1, 1)
         assert Memory(topic).bytes()[192:] == before[192:]
@@ -67,7 +67,7 @@ def test_a_writer_skips_the_cycle(demo: Demo, topic: str) -> None:
     assert (block().xSent, block.udiSequence) == (True, 2)
 
 
-def test_a_stuck_lock_is_freed_after_a_second(demo: Demo, clock: Clock, topic: str) -> None:
+def test_stuck_lock_is_recovered_after_a_second(demo: Demo, clock: Clock, topic: str) -> None:
     block = demo.opened(topic)
     lock, memory = semaphore(topic), Memory(topic)
     lock.acquire(0)
@@ -80,14 +80,14 @@ def test_a_stuck_lock_is_freed_after_a_second(demo: Demo, clock: Clock, topic: s
     block()
     assert (lock.value, memory["recoveries"], memory["lock_holder"]) == (1, 1, 0)
     assert block().xSent
-    lock.release()  # the holder comes back: 2, which is taken down
+    lock.release()  # the former holder releases too: the value 2 is corrected to 1
     assert (block().xSent, lock.value) == (True, 1)
 
 
-def test_a_lock_that_others_pass_is_not_stuck(demo: Demo, clock: Clock, topic: str) -> None:
+def test_lock_that_changes_hands_is_not_stuck(demo: Demo, clock: Clock, topic: str) -> None:
     block = demo.opened(topic)
     memory = Memory(topic)
-    with held(topic) as lock:
+    with hold_lock(topic) as lock:
         for _ in range(10):
             assert not block().xSent
             memory["lock_count"] += 1
@@ -98,30 +98,30 @@ def test_a_lock_that_others_pass_is_not_stuck(demo: Demo, clock: Clock, topic: s
 # --- samples ------------------------------------------------------------------------------------------
 
 
-def test_each_unread_sample_in_order(demo: Demo, topic: str) -> None:
+def test_subscriber_reads_unread_samples_in_order(demo: Demo, topic: str) -> None:
     block = demo.subscriber(topic, xNewest=False, udiDepth=4)
     with demo.python.DemoPublisher(topic, depth=4) as publisher:
         publisher.publish(demo.message(1))
         publisher.publish(demo.message(2))
-        assert drained(block) == [2]  # what lay there before the first look does not count, but for the newest
+        assert drain(block) == [2]  # only the newest of the samples before the first read counts
         for number in range(3, 7):
             publisher.publish(demo.message(number))
-        assert (drained(block), block.udiMissed) == ([3, 4, 5, 6], 0)
+        assert (drain(block), block.udiMissed) == ([3, 4, 5, 6], 0)
         for number in range(7, 30):
             publisher.publish(demo.message(number))
-        assert (drained(block), block.udiMissed) == (list(range(22, 30)), 15)
+        assert (drain(block), block.udiMissed) == (list(range(22, 30)), 15)
         assert Memory(topic)["missed"] == 15
 
 
-def drained(block: Block) -> list[int]:
-    found = []
+def drain(block: Block) -> list[int]:
+    values = []
     while block().xNewData:
         assert block.Msg.b == 2 * block.Msg.a
-        found.append(block.Msg.a)
-    return found
+        values.append(block.Msg.a)
+    return values
 
 
-def test_numbers_wrap_round(demo: Demo, topic: str) -> None:
+def test_sequence_numbers_wrap_around(demo: Demo, topic: str) -> None:
     block = demo.subscriber(topic)()
     memory = Memory(topic)
     memory["completed0"] = 0xFFFFFFFD
@@ -135,8 +135,8 @@ def test_numbers_wrap_round(demo: Demo, topic: str) -> None:
 
 
 @pytest.mark.parametrize("before", range(6))
-def test_no_sample_is_lost_or_miscounted_across_the_turn_of_the_numbers(demo: Demo, topic: str, before: int) -> None:
-    """The numbers 0 to slots - 1 do not come again: neither side takes them for samples. Slots are 8 here."""
+def test_no_sample_is_lost_when_the_numbers_wrap_around(demo: Demo, topic: str, before: int) -> None:
+    """Skip the numbers 0 to slots - 1 after the wrap-around, on both sides. The region has 8 slots here."""
     with demo.python.DemoPublisher(topic, depth=4):
         memory = Memory(topic)
         memory["completed0"] = 0xFFFFFFFF - before
@@ -146,19 +146,19 @@ def test_no_sample_is_lost_or_miscounted_across_the_turn_of_the_numbers(demo: De
     ):
         publisher.publish(demo.message(1))
         block = demo.subscriber(topic, xNewest=False, udiDepth=4)
-        assert drained(block) == [sample.a for sample in subscriber.read_all()] == [1]
-        never_written = subscriber.missed  # the sample that `completed` was set to
+        assert drain(block) == [sample.a for sample in subscriber.read_all()] == [1]
+        never_written = subscriber.missed  # the number that the test wrote into `completed0`
         for number in range(2, 6):
             publisher.publish(demo.message(number))
-        assert drained(block) == [sample.a for sample in subscriber.read_all()] == [2, 3, 4, 5]
+        assert drain(block) == [sample.a for sample in subscriber.read_all()] == [2, 3, 4, 5]
         assert (block.udiMissed, subscriber.missed - never_written) == (0, 0)
         for number in range(6, 17):
             publisher.publish(demo.message(number))
-        assert drained(block) == [sample.a for sample in subscriber.read_all()] == list(range(9, 17))
+        assert drain(block) == [sample.a for sample in subscriber.read_all()] == list(range(9, 17))
         assert (block.udiMissed, subscriber.missed - never_written) == (3, 3)
 
 
-def test_a_sample_overwritten_while_it_is_read_is_thrown_away(demo: Demo, topic: str) -> None:
+def test_sample_overwritten_during_a_read_is_dropped(demo: Demo, topic: str) -> None:
     region = demo.plc.block("FB_ShmRegion")
     with demo.python.DemoPublisher(topic) as publisher:
         size = demo.plc.sizes["ST_DEMO_MSGS_DEMO"]
@@ -168,13 +168,13 @@ def test_a_sample_overwritten_while_it_is_read_is_thrown_away(demo: Demo, topic:
         assert region.method("Cycle")
         publisher.publish(demo.message(1))
         assert region.method("BeginRead", xNewest=True) != 0
-        Memory(topic).poke(192 + 128 + 8, bytes(4))  # as a writer does that goes on without the lock
+        Memory(topic).poke(192 + 128 + 8, bytes(4))  # as a writer does that continues without the lock
         assert region.method("EndRead") is False
         assert (region.udiSequence, semaphore(topic).value) == (0, 1)
 
 
-def test_a_large_message_is_copied_once(demo: Demo, topic: str) -> None:
-    """From where it lies into the region, and from there to where it is wanted; neither block's Msg is touched."""
+def test_write_from_and_read_into_bypass_msg(demo: Demo, topic: str) -> None:
+    """Copy directly between a variable and the region, and leave Msg of both blocks unchanged."""
     sent, read = demo.plc.structure("ST_demo_msgs_Demo"), demo.plc.structure("ST_demo_msgs_Demo")
     writer, reader = demo.opened(topic, xSend=False), demo.subscriber(topic)()
     before = writer.udiSequence
@@ -190,7 +190,7 @@ def test_a_large_message_is_copied_once(demo: Demo, topic: str) -> None:
     assert (writer().udiSequence, writer.xSent) == (before + 1, False)
 
 
-def test_stale(demo: Demo, clock: Clock, topic: str) -> None:
+def test_subscriber_becomes_stale_after_its_timeout(demo: Demo, clock: Clock, topic: str) -> None:
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(1))
         block = demo.subscriber(topic, tTimeout=200)()
@@ -206,7 +206,7 @@ def test_stale(demo: Demo, clock: Clock, topic: str) -> None:
         assert (block.xStale, block.xValid, block.xError, block.xBusy) == (False,) * 4
 
 
-def test_a_waiting_reader_is_woken(demo: Demo, topic: str) -> None:
+def test_publisher_wakes_a_waiting_reader(demo: Demo, topic: str) -> None:
     block = demo.opened(topic)
     memory, event = Memory(topic), semaphore(topic, "-event")
     block()
@@ -218,14 +218,14 @@ def test_a_waiting_reader_is_woken(demo: Demo, topic: str) -> None:
     assert event.value == 1
 
 
-def test_a_topic_beneath_named_event_is_another_semaphore(demo: Demo, topic: str) -> None:
+def test_topic_named_event_has_its_own_semaphore(demo: Demo, topic: str) -> None:
     outer, inner = demo.opened(topic), demo.opened(f"{topic}/event")
     assert (outer().xSent, inner().xSent, semaphore(f"{topic}/event").value) == (True, True, 1)
 
 
-def test_exit_closes_unless_it_is_an_online_change(demo: Demo, topic: str) -> None:
+def test_fb_exit_closes_except_in_an_online_change(demo: Demo, topic: str) -> None:
     block = demo.opened(topic)
-    region = block._fbRegion  # the runtime calls FB_Exit of each instance, also of one inside another
+    region = block._fbRegion  # the runtime calls FB_Exit of each instance, also of inner instances
     region.method("FB_Exit", bInCopyCode=True)
     assert (block().xSent, block.udiSequence, Memory(topic)["writer"]) == (True, 2, 0xFFFFFFFF)
     region.method("FB_Exit", bInCopyCode=False)
@@ -249,7 +249,7 @@ with DemoPublisher(sys.argv[2]) as publisher:
 
 @contextmanager
 def running(*command: str) -> Iterator[subprocess.Popen[str]]:
-    """A process that has said `running`; killed at the end."""
+    """Start a process, wait until it prints `running`, and kill it at the end."""
     with subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True, cwd=REPOSITORY) as process:
         assert process.stdout is not None
         try:
@@ -260,11 +260,11 @@ def running(*command: str) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.parametrize("attempt", range(3))
-def test_the_last_sample_of_a_dead_python(demo: Demo, topic: str, attempt: int) -> None:
+def test_last_sample_of_a_killed_python_is_read(demo: Demo, topic: str, attempt: int) -> None:
     with running("-c", WRITER, str(demo.library.parents[1] / "python"), topic):
         time.sleep(0.01 * attempt)
     memory = Memory(topic)
-    if semaphore(topic).value == 0:  # it died inside
+    if semaphore(topic).value == 0:  # the process died with the lock
         semaphore(topic).release()
     block = demo.subscriber(topic)()
     assert (block.xNewData, block.udiSequence) == (True, memory["completed0"])
@@ -272,10 +272,10 @@ def test_the_last_sample_of_a_dead_python(demo: Demo, topic: str, attempt: int) 
     assert block.Msg.b == 2 * block.Msg.a & 0xFFFFFFFF
 
 
-def test_the_last_sample_of_a_dead_plc(demo: Demo, clock: Clock, topic: str) -> None:
+def test_last_sample_of_a_killed_plc_is_read(demo: Demo, clock: Clock, topic: str) -> None:
     task = ["-m", "tests.softplc.task", str(demo.library), "FB_demo_msgs_Demo_Publisher", "--period", "0"]
     with running(*task, "--set", "xEnable=true", f'sTopic="{topic}"'), demo.python.DemoSubscriber(topic) as subscriber:
-        assert subscriber.wait(10)  # it watches for a while, then claims, then sends
+        assert subscriber.wait(10)  # the PLC watches the topic, claims it, and sends
         with pytest.raises(RegionInUse):
             demo.python.DemoPublisher(topic)
     memory = Memory(topic)
@@ -289,7 +289,7 @@ def test_the_last_sample_of_a_dead_plc(demo: Demo, clock: Clock, topic: str) -> 
     assert (writer.xSent, writer.udiSequence) == (True, memory.newest)
 
 
-def test_a_write_that_was_never_completed_is_not_seen(demo: Demo, topic: str) -> None:
+def test_incomplete_write_is_not_read(demo: Demo, topic: str) -> None:
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(1))
         memory = Memory(topic)
@@ -299,7 +299,7 @@ def test_a_write_that_was_never_completed_is_not_seen(demo: Demo, topic: str) ->
         assert (block.xNewData, block.Msg.a, block.Msg.b, block.udiSequence) == (True, 1, 2, 1)
 
 
-def test_a_fast_writer_never_tears_a_sample(demo: Demo, topic: str) -> None:
+def test_fast_writer_causes_no_torn_sample(demo: Demo, topic: str) -> None:
     last, new = 0, 0
     with running("-c", WRITER, str(demo.library.parents[1] / "python"), topic):
         block = demo.subscriber(topic)

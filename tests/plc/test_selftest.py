@@ -1,4 +1,4 @@
-"""`shmgen selftest` on the soft PLC and on blocks of OpenPLC and matiec; what is wrong on purpose is in its report."""
+"""`shmgen selftest` passes on the soft PLC and on blocks of OpenPLC and matiec, and reports planted faults."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ WRONG = {
 
 
 class Running(threading.Thread):
-    """A PLC's task; `next` is done between two cycles."""
+    """The task of a PLC. It calls the functions in `next` between two cycles."""
 
     def __init__(self, cycle: Callable[[], object]) -> None:
         super().__init__(daemon=True)
@@ -52,7 +52,7 @@ class Running(threading.Thread):
             self.cycle()
 
     def start_soft(self, plc: Plc, period: float) -> None:
-        """Both programs from their beginning: as after a start, or a restart, which closes nothing."""
+        """Start both programs with initial values, as a restart of the PLC does. A restart closes nothing."""
         blocks = [plc.block(name) for name in PROGRAMS]
         self.cycle = lambda: plc.run(blocks, period, 5)
         self.change = partial(self._change, plc, blocks, period)
@@ -68,8 +68,8 @@ def settings() -> config.Config:
     return config.load(template_folder() / "selftest" / "shmgen.toml", "shmgen.toml", Report())
 
 
-def compiled(settings: config.Config, changes: dict[str, str]) -> Plc:
-    """With both programs side by side, as the stand-in has no program that calls another."""
+def compile_selftest(settings: config.Config, changes: dict[str, str]) -> Plc:
+    """Compile both programs side by side, because programs of the stand-in cannot call each other."""
     files = {path: text for path, text in texts(settings, False).items() if path.endswith(".st")}
     assert files["st/PRG_Ros.st"].count("\nPRG_ShmSelfTest();\n") == 1
     files["st/PRG_Ros.st"] = files["st/PRG_Ros.st"].replace("\nPRG_ShmSelfTest();\n", "\n")
@@ -81,14 +81,14 @@ def compiled(settings: config.Config, changes: dict[str, str]) -> Plc:
 
 @pytest.fixture
 def plc(settings: config.Config) -> Plc:
-    return compiled(settings, {})
+    return compile_selftest(settings, {})
 
 
 @pytest.fixture
 def task() -> Iterator[Running]:
-    """One at a time on this machine, since its topics have fixed names."""
+    """A PLC task. Only one exists on the machine at a time, because its topics have fixed names."""
     with kept.locked(Path(tempfile.gettempdir()) / "shmgen-selftest.lock"):
-        remove_regions()  # of a run that was killed
+        remove_regions()  # a killed run may have left regions
         running = Running(lambda: None)
         yield running
         running.ended.set()
@@ -103,7 +103,7 @@ def remove_regions() -> None:
 
 
 def run(
-    settings: config.Config, task: Running, by_hand: Callable[[str], object] = lambda said: None, wait: float = 2.0
+    settings: config.Config, task: Running, by_hand: Callable[[str], object] = lambda request: None, wait: float = 2.0
 ) -> dict[str, selftest.Line]:
     partner = selftest.Partner(Session(settings), wait, by_hand)
     task.start()
@@ -114,18 +114,18 @@ def run(
 
 
 @pytest.mark.slow
-def test_on_the_soft_plc_all_is_as_expected(settings: config.Config, plc: Plc, task: Running) -> None:
-    """With a restart and an online change where a person is asked for them."""
-    again, other = compiled(settings, {}), compiled(settings, OTHER)
-    asked = []
+def test_selftest_passes_on_the_soft_plc(settings: config.Config, plc: Plc, task: Running) -> None:
+    """Restart the PLC and change it online when the selftest requests both from a person."""
+    again, other = compile_selftest(settings, {}), compile_selftest(settings, OTHER)
+    requests = []
 
-    def by_hand(said: str) -> None:
-        asked.append(said)
-        task.next.append(partial(task.start_soft, again, 0.01) if "estart" in said else partial(task.change, other))
+    def by_hand(request: str) -> None:
+        requests.append(request)
+        task.next.append(partial(task.start_soft, again, 0.01) if "estart" in request else partial(task.change, other))
 
     task.start_soft(plc, 0.01)
     lines = run(settings, task, by_hand, wait=10.0)
-    assert len(asked) == 2
+    assert len(requests) == 2
     verdicts = {key: line.verdict for key, line in lines.items()}
     noted = dict.fromkeys(("delete", "call-time"), selftest.NOTED) | {"clock": selftest.NOT_MEASURED}
     assert verdicts == dict.fromkeys(("task", *selftest.CHECKS), selftest.EXPECTED) | noted, lines
@@ -143,38 +143,38 @@ PLANTED: dict[str, tuple[Callable[[Plc], object], str]] = {
 
 
 @pytest.mark.parametrize("key", PLANTED)
-def test_a_wrong_answer_of_the_runtime_is_named(
+def test_runtime_fault_is_reported(
     key: str, settings: config.Config, plc: Plc, task: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant, said = PLANTED[key]
+    plant, behavior = PLANTED[key]
 
-    def planted(partner: selftest.Partner) -> tuple[str, str]:
+    def plant_and_check(partner: selftest.Partner) -> tuple[str, str]:
         plant(plc)
         return check(partner)
 
     check = selftest.CHECKS[key]
-    monkeypatch.setattr(selftest, "CHECKS", {"semaphore": selftest.CHECKS["semaphore"]} | {key: planted})
+    monkeypatch.setattr(selftest, "CHECKS", {"semaphore": selftest.CHECKS["semaphore"]} | {key: plant_and_check})
     task.start_soft(plc, 0.01)
     line = run(settings, task)[key]
-    assert said in line.behavior
+    assert behavior in line.behavior
     assert line.verdict == (selftest.NOTED if key == "delete" else selftest.DIFFERENT)
 
 
 @pytest.mark.slow
-def test_a_wrong_program_is_named(settings: config.Config, task: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another bitness, values that do not come back, a publisher that is missed too late, a task that is too slow."""
+def test_program_fault_is_reported(settings: config.Config, task: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Report a wrong pointer size, values that do not return, a late timeout and a slow task."""
     checks = {key: selftest.CHECKS[key] for key in ("width", "exchange", "killed")}
     monkeypatch.setattr(selftest, "CHECKS", checks)
-    task.start_soft(compiled(settings, WRONG), 0.03)
+    task.start_soft(compile_selftest(settings, WRONG), 0.03)
     lines = run(settings, task)
     assert {line.verdict for line in lines.values()} == {selftest.DIFFERENT}, lines
-    assert re.search(r"called each [3-9]\d", lines["task"].behavior)  # 30 ms, and what the machine adds
+    assert re.search(r"called each [3-9]\d", lines["task"].behavior)  # 30 ms plus delays of the machine
     assert "32 bit" in lines["width"].behavior
     assert "4 lost; none returned" in lines["exchange"].behavior
     assert re.match(r"xStale (9|1\d)\d\d ms after the last sample", lines["killed"].behavior)
 
 
-def test_a_plc_that_does_not_answer_is_named(settings: config.Config, task: Running) -> None:
+def test_missing_answer_of_the_plc_is_reported(settings: config.Config, task: Running) -> None:
     lines = run(settings, task, wait=0.2)
     assert "eErrorID of GVL_Ros.shm_selftest_answer" in lines["task"].behavior
     assert {line.verdict for line in lines.values()} == {selftest.NOT_MEASURED}
@@ -182,8 +182,8 @@ def test_a_plc_that_does_not_answer_is_named(settings: config.Config, task: Runn
 
 @pytest.mark.parametrize("compiler", open_plc.COMPILERS)
 @pytest.mark.slow
-def test_on_blocks_of_open_plcs(compiler: str, settings: config.Config, task: Running, tmp_path: Path) -> None:
-    """The program is Python's here, line by line that of templates/selftest/open; iec2c itself is run by hand."""
+def test_selftest_passes_on_open_plcs(compiler: str, settings: config.Config, task: Running, tmp_path: Path) -> None:
+    """Execute the program of templates/selftest/open line by line in Python. iec2c is tested by hand."""
     program = open_plc.Program(open_plc.compiled(texts(settings, True), compiler, tmp_path))
     stem = "FB_selftest_msgs"
     command, killed = (
@@ -213,8 +213,8 @@ def test_on_blocks_of_open_plcs(compiler: str, settings: config.Config, task: Ru
     assert measured == expected | {"clock": selftest.NOTED}, lines
 
 
-def test_the_command_writes_what_an_ide_takes(tmp_path: Path, task: Running) -> None:
-    """And prints one text; without a PLC it says where to look."""
+def test_selftest_command_writes_files_for_an_ide(tmp_path: Path, task: Running) -> None:
+    """Print the files to import, and report all checks as not measured if there is no PLC."""
     command = [sys.executable, "-m", "shmgen", "selftest", "--wait", "0.2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -228,8 +228,8 @@ def test_the_command_writes_what_an_ide_takes(tmp_path: Path, task: Running) -> 
     assert "PROGRAM Run_PRG_ShmSelfTest WITH RosTask" in (tmp_path / "open/matiec/upload.st").read_text()
 
 
-def test_pages_name_the_lines_of_the_report() -> None:
-    """Each of docs/evidence/codesys.md says which settles it; the table has a row for each."""
+def test_docs_contain_the_keys_of_the_report() -> None:
+    """Require a key for each point of docs/evidence/codesys.md, and a row of the table for each key."""
     keys = ["task", *selftest.CHECKS]
     unsure = (REPOSITORY / "docs/evidence/codesys.md").read_text()
     for point in re.split(r"^\* ", unsure, flags=re.MULTILINE)[1:]:

@@ -1,4 +1,4 @@
-"""docs/tutorial-plc.md to its end: its topics and its program in a PLC, and a robot that comes and goes."""
+"""The program of docs/tutorial-plc.md works in a PLC while a robot starts and stops."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ..support.build import classes, put
 from ..support.tutorial import project
 
 
-def test_the_program_of_the_tutorial(tmp_path: Path, topic: str) -> None:
-    """Half of the robot's x; 0 before it has come, and after it has gone."""
+def test_tutorial_program_publishes_half_of_x(tmp_path: Path, topic: str) -> None:
+    """Publish half of the robot's x, and 0 before the robot starts and after it stops."""
     _, texts, st = project("tutorial-plc.md", tmp_path, topic)
     put(texts, tmp_path)
     plc = compile_st(st)
     programs = [plc.block(name) for name in ("PRG_Ros", "PRG_Conveyor")]
 
     def after(ms: int) -> float | None:
-        """What the robot reads when the PLC has gone on for so long, called every 10 ms."""
+        """Run the PLC for this time with a cycle of 10 ms. Return the speed that the robot reads."""
         for _ in range(ms // 10):
             plc.set_clock(plc.now + 10)
-            for called in programs:
-                called()
+            for program in programs:
+                program()
         newest = speed.read()
         return None if newest is None else newest.data
 

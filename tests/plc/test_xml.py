@@ -1,4 +1,4 @@
-"""What an IDE would import is what runs: Structured Text out of the PLCopen XML exchanges with Python."""
+"""Structured Text from the PLCopen XML, which an IDE imports, exchanges messages with Python."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..support.plc_demo import ready
 from ..support.plcopen import imported
 
 
-def test_a_message_crosses_both_ways(tmp_path: Path, topic: str) -> None:
+def test_message_passes_in_both_directions(tmp_path: Path, topic: str) -> None:
     imu = TypeName("sensor_msgs", "msg", "Imu")
     texts = pipeline.generate(Config(tmp_path, package="shm_from_xml", targets=("python", "plcopen")), [str(imu)])
     put(texts, tmp_path)
