@@ -1,4 +1,4 @@
-"""`shmgen call`, and the other tools on the regions of a service."""
+"""Tests of `shmgen call`, and of other tools with the regions of a service."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def folder(shmgen, tmp_path):
 
 
 @pytest.fixture
-def served(folder, topic):
-    """A server in a thread, for the command in another; it answers as the PLC or a bridge would."""
+def running_server(folder, topic):
+    """A server in a thread of this process, which answers the command like a PLC or a bridge."""
     registry = ClassRegistry(Session(config.load(folder / "shmgen.toml", "shmgen.toml", Report())), None)
     _, client = tool.build(topic, "cell_msgs/Start", {}, registry)
     request, reply = client.request_publisher.message_type, client.reply_subscriber.message_type
@@ -66,7 +66,7 @@ class Answer:
         self.batches = range(batch, batch + 40)
 
 
-def test_a_call(served, shmgen, topic):
+def test_call_prints_the_response(running_server, shmgen, topic):
     result = shmgen("call", topic, "cell_msgs/Start", "{on: true}")
     assert (result.code, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
@@ -80,15 +80,15 @@ def test_a_call(served, shmgen, topic):
     assert re.match(rf"{topic}: error\[SHM703\]: the server reported that call \d+ failed\n  hint: ", result.stderr)
     for half, line in (("request", "batch: 7"), ("response", "status: 2")):
         assert line in shmgen("echo", f"{topic}-{half}", "--once").stdout
-    whole = shmgen("doctor", topic)
-    assert f"{topic}-request  cell_msgs/srv/Start_Request, 2 slots, 3 samples" in whole.stdout
-    assert f"{topic}-response  cell_msgs/srv/Start_Reply, 2 slots, 3 samples" in whole.stdout
-    assert "2 regions, no faults" in whole.stdout
+    doctor_result = shmgen("doctor", topic)
+    assert f"{topic}-request  cell_msgs/srv/Start_Request, 2 slots, 3 samples" in doctor_result.stdout
+    assert f"{topic}-response  cell_msgs/srv/Start_Reply, 2 slots, 3 samples" in doctor_result.stdout
+    assert "2 regions, no faults" in doctor_result.stdout
     assert "publishes to it" in shmgen("clean", topic).stderr
 
 
-def test_what_is_wrong_is_told_before_anything_is_opened(folder, shmgen, topic):
-    for arguments, words in (
+def test_invalid_arguments_are_refused_before_a_region_exists(folder, shmgen, topic):
+    for arguments, message in (
         (("cell_msgs/Start", "{batch: many}"), "batch: 'many' is str"),
         (("cell_msgs/Start", "{off: true}"), "off: no such field in cell_msgs/srv/Start_Request"),
         (("cell_msgs/Start", "{off"), "; write YAML or JSON, in quotes"),
@@ -98,16 +98,16 @@ def test_what_is_wrong_is_told_before_anything_is_opened(folder, shmgen, topic):
     ):
         result = shmgen("call", topic, *arguments)
         assert result.code == 1
-        assert words in result.sentence
+        assert message in result.sentence
     assert not list(Path("/dev/shm").glob(f"*{topic[1:].replace('/', '.')}*"))
 
 
-def test_nobody_serves(folder, shmgen, topic):
-    begin = time.monotonic()
+def test_call_without_a_server_times_out(folder, shmgen, topic):
+    started_at = time.monotonic()
     result = shmgen("call", topic, "cell_msgs/Start", "--timeout", "0.1")
     assert result.code == 1
     assert f"{topic}: no server within 0.1 s; the request was not sent" in result.sentence
-    assert time.monotonic() - begin < 5
+    assert time.monotonic() - started_at < 5
     region = topic[1:].replace("/", ".")
     removed = shmgen("clean", topic)
     assert removed.code == 0
@@ -117,14 +117,14 @@ def test_nobody_serves(folder, shmgen, topic):
     assert not list(Path("/dev/shm").glob(f"*{region}*"))
 
 
-def test_another_layout_is_told_with_both_digests(served, shmgen, topic, folder):
+def test_call_refuses_a_server_with_another_layout(running_server, shmgen, topic, folder):
     (folder / "shmgen.toml").write_text('path = ["."]\n')
     result = shmgen("call", topic, "cell_msgs/Start", "{on: true}")
     assert result.code == 1
     assert "cell_msgs/srv/Start_Reply has another layout in the region than here" in result.stderr
 
 
-def test_doctor_compares_with_the_configuration(folder, shmgen, topic):
+def test_doctor_compares_service_regions_with_shmgen_toml(folder, shmgen, topic):
     shmgen("call", topic, "cell_msgs/Start", "--timeout", "0.01")
     (folder / "other_msgs" / "srv").mkdir(parents=True)
     (folder / "other_msgs" / "srv" / "Go.srv").write_text("---\n")

@@ -1,4 +1,4 @@
-"""`shmgen clean`: what it removes, and what it leaves alone."""
+"""Tests of `shmgen clean`: the files that it removes, and the files that it keeps."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from ..support import machine
 from .test_doctor import PUBLISHER
 
 
-def files_of(file):
+def list_files(file):
     return sorted(str(path) for path in file.parent.glob(f"*{file.name}*"))
 
 
-def test_removes_region_and_semaphores(topic, file, semaphore, shmgen, peer):
+def test_clean_removes_region_and_semaphores(topic, file, semaphore, shmgen, peer):
     peer(PUBLISHER.format(topic=topic)).communicate()
     event = Path(f"{semaphore}-event")
     event.touch()
-    planned = shmgen("clean", topic, "--dry-run")
-    assert planned.stdout == f"would remove {event}\nwould remove {semaphore}\nwould remove {file}\n"
-    assert len(files_of(file)) == 3
+    dry_run = shmgen("clean", topic, "--dry-run")
+    assert dry_run.stdout == f"would remove {event}\nwould remove {semaphore}\nwould remove {file}\n"
+    assert len(list_files(file)) == 3
     result = shmgen("clean", topic)
     assert (result.code, result.stderr) == (0, "")
     assert result.stdout == f"removed {event}\nremoved {semaphore}\nremoved {file}\n"
-    assert files_of(file) == []
-    gone = shmgen("clean", topic)
-    assert (gone.code, "no such region" in gone.stderr) == (1, True)
+    assert list_files(file) == []
+    second = shmgen("clean", topic)
+    assert (second.code, "no such region" in second.stderr) == (1, True)
 
 
-def test_not_under_a_living_writer_unless_forced(topic, file, shmgen, peer):
+def test_clean_refuses_a_region_with_a_writer_unless_forced(topic, file, shmgen, peer):
     writer = peer(PUBLISHER.format(topic=topic))
-    before = files_of(file)
+    before = list_files(file)
     result = shmgen("clean", topic)
     assert (result.code, result.stdout) == (1, "")
     assert result.stderr.startswith(f"{topic}: error[SHM702]: process {writer.pid} (")
     assert "publishes to it\n  hint: stop it first" in result.stderr
-    assert files_of(file) == before
+    assert list_files(file) == before
     assert shmgen("clean", topic, "--force").code == 0
-    assert files_of(file) == []
+    assert list_files(file) == []
 
 
-def test_not_under_a_reader(topic, file, shmgen, peer):
+def test_clean_refuses_a_region_with_a_reader(topic, file, shmgen, peer):
     reader = peer(f"subscriber = PoseSubscriber({topic!r})")
     result = shmgen("clean", topic)
     assert result.code == 1
@@ -58,44 +58,44 @@ def test_not_under_a_reader(topic, file, shmgen, peer):
     reader.kill()
     reader.wait()
     assert shmgen("clean", topic).code == 0
-    assert files_of(file) == []
+    assert list_files(file) == []
 
 
-def test_what_a_killed_writer_left(topic, file, shmgen, peer):
+def test_clean_removes_the_region_of_a_killed_writer(topic, file, shmgen, peer):
     writer = peer(PUBLISHER.format(topic=topic) + "; region_of(publisher).semaphore.acquire()")
     writer.kill()
     writer.wait()
     assert shmgen("clean", topic).code == 0
-    assert files_of(file) == []
+    assert list_files(file) == []
 
 
-def test_not_under_a_plc(topic, file, shmgen):
-    """A PLC takes no record lock, and lives in a process that this user may not look into: its heartbeat tells."""
+def test_clean_refuses_a_region_with_a_plc(topic, file, shmgen):
+    """Identify a PLC by its heartbeat: a PLC has no record lock, and its process may be hidden."""
     PosePublisher(topic).close()
-    ended = threading.Event()
+    stopping = threading.Event()
 
-    def beat():
+    def send_heartbeats():
         with file.open("r+b", buffering=0) as opened:
             beats = 0
-            while not ended.is_set():
+            while not stopping.is_set():
                 beats += 1
                 os.pwrite(opened.fileno(), beats.to_bytes(4, "little"), 4 * h.HEARTBEAT)
                 time.sleep(0.01)
 
     with file.open("r+b", buffering=0) as opened:
         os.pwrite(opened.fileno(), h.PLC.to_bytes(4, "little"), 4 * h.WRITER)
-    plc = threading.Thread(target=beat)
+    plc = threading.Thread(target=send_heartbeats)
     plc.start()
     try:
         result = shmgen("clean", topic)
     finally:
-        ended.set()
+        stopping.set()
         plc.join()
     assert (result.code, "a PLC publishes to it" in result.stderr) == (1, True)
     assert shmgen("clean", topic).code == 0
 
 
-def test_what_is_not_ours_stays(topic, file, shmgen):
+def test_clean_keeps_files_that_are_no_regions(topic, file, shmgen):
     file.write_bytes(b"the work of somebody else")
     for arguments in ((topic,), (topic, "--force")):
         result = shmgen("clean", *arguments)
@@ -108,31 +108,31 @@ def test_what_is_not_ours_stays(topic, file, shmgen):
     assert file.is_fifo()
 
 
-def test_what_makers_left_that_died_early(topic, file, semaphore, shmgen):
-    for left in (b"", bytes(4096), bytes(4) + b"\1\0\xc0\0".ljust(4092, b"\0")):
-        file.write_bytes(left)
+def test_clean_removes_incomplete_regions_and_semaphores(topic, file, semaphore, shmgen):
+    for content in (b"", bytes(4096), bytes(4) + b"\1\0\xc0\0".ljust(4092, b"\0")):
+        file.write_bytes(content)
         assert shmgen("clean", topic).stdout == f"removed {file}\n"
     semaphore.write_bytes(bytes(32))
     assert shmgen("clean", topic).stdout == f"removed {semaphore}\n"
-    assert files_of(file) == []
+    assert list_files(file) == []
 
 
 OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
 
 
-def in_own_shm(script):
-    """What a script prints with a /dev/shm of its own, for other tests have regions too."""
+def run_in_own_shm(script):
+    """Run a script with a separate /dev/shm, because other tests have regions too."""
     command = [*OWN, sys.executable, "-c", script]
     result = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     if result.stderr.startswith(("mount", "unshare")):
-        pytest.skip("no mount namespaces: root may make them")
+        pytest.skip("only root can create mount namespaces")
     return result
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(machine.EMULATED, reason="qemu-user has no seccomp")
-def test_all_means_also_a_semaphore_whose_maker_was_killed():
-    """The kernel kills a process as it gives its semaphore the right name, and as it takes the first name away."""
+def test_all_removes_semaphores_of_killed_creators():
+    """Stop one process at its link() and one at its unlink(), which seccomp forbids."""
     script = """
 import mmap, os, sys, threading, time
 from pathlib import Path
@@ -149,14 +149,14 @@ def killed_at(call):
         os._exit(0)
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
-# link and unlink; linkat and unlinkat where there are no others.
+# link and unlink, or linkat and unlinkat on machines without them.
 wide = sys.maxsize > 2**32
 LINK, UNLINK = (9, 10) if not wide else (86, 87) if os.uname().machine == "x86_64" else (37, 35)
 assert (killed_at(LINK), killed_at(UNLINK)) == (-31, -31)
 left = sorted(os.listdir("/dev/shm"))
 assert len(left) == 3 and "sem.made" in left, left
 shm = Path("/dev/shm")
-# Chance must not make a word of them; and what looks alike and is used, young or of a region stays.
+# Random names could be words, so rename the files. Similar files in use, young files and files of regions stay.
 for file, name in zip([shm / name for name in left if name != "sem.made"], ("sem.aB3dEf", "sem.7hIjKl")):
     file.rename(shm / name)
 for name in ("sem.uSeD01", "sem.oPeN01", "sem.rEgI0n", "rEgI0n", "sem.camera", "sem.sIz3e1"):
@@ -168,7 +168,7 @@ print(run(["clean", "--all", "--dry-run"], Path("/")).stdout, end="")
 time.sleep(orphan_semaphores.AGE)
 young = shm / "sem.y0UnGx"
 young.write_bytes(bytes(32))
-def stay_young():  # however long the rest takes on a busy machine
+def stay_young():  # even on a slow machine
     while True:
         os.utime(young)
         time.sleep(0.1)
@@ -177,11 +177,11 @@ print(run(["doctor"], Path("/")).stdout)
 print(run(["clean", "--all"], Path("/")).stdout)
 print(*sorted(os.listdir("/dev/shm")))
 """
-    result = in_own_shm(script)
+    result = run_in_own_shm(script)
     assert result.returncode == 0, result.stderr
-    named = [line.split()[-1] for line in result.stdout.splitlines() if line.startswith("    file: /dev/shm/sem")]
+    reported = [line.split()[-1] for line in result.stdout.splitlines() if line.startswith("    file: /dev/shm/sem")]
     removed = [line.split()[-1] for line in result.stdout.splitlines() if line.startswith("removed")]
-    assert named == removed == ["/dev/shm/sem.7hIjKl", "/dev/shm/sem.aB3dEf"]
+    assert reported == removed == ["/dev/shm/sem.7hIjKl", "/dev/shm/sem.aB3dEf"]
     assert "would remove" not in result.stdout
     assert "note: a process was killed while it created a semaphore" in result.stdout
     assert result.stdout.splitlines()[-1].split() == [
@@ -189,7 +189,7 @@ print(*sorted(os.listdir("/dev/shm")))
     ]  # fmt: skip
 
 
-def test_all_means_all_of_ours():
+def test_all_removes_unused_regions_and_keeps_other_files():
     script = """
 import os, sys
 from tests.runtime.messages import PosePublisher
@@ -203,7 +203,7 @@ try:
 finally:
     print(*sorted(os.listdir("/dev/shm")))
 """
-    result = in_own_shm(script)
+    result = run_in_own_shm(script)
     assert result.returncode == 1
     *removed, left = result.stdout.splitlines()
     assert {"removed /dev/shm/sem.a", "removed /dev/shm/a"} <= set(removed)
@@ -212,7 +212,7 @@ finally:
     assert "/b/c: error[SHM702]: process" in result.stderr
 
 
-def test_topics_or_all(shmgen):
+def test_clean_requires_topics_or_all(shmgen):
     for arguments in ((), ("--all", "/a")):
         result = shmgen("clean", *arguments)
         assert (result.code, "Name topics, or --all" in result.stderr) == (2, True)

@@ -1,4 +1,4 @@
-"""`shmgen doctor`: each thing that can be wrong is made wrong, by real processes, and found."""
+"""Tests of `shmgen doctor`: real processes cause each fault, and doctor reports it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import pytest
 
 import shmgen.tools.doctor.clean
 import shmgen.tools.watch.overview
-import shmgen.tools.watch.screen  # noqa: F401 nobody() may not be able to read them
+import shmgen.tools.watch.screen  # noqa: F401 become_nobody() may not be able to read them
 from shmgen.runtime import RegionUnusable, Subscriber, region_name
 from shmgen.runtime.reference import memory_order
 from shmgen.runtime.region import header as h
@@ -34,24 +34,24 @@ from .conftest import REPOSITORY
 
 PUBLISHER = "publisher = PosePublisher({topic!r}); publisher.publish(pose(1.0))"
 BITS = 64 if sys.maxsize > 2**32 else 32
-root_only = pytest.mark.skipif(os.geteuid() != 0, reason="another user or another /dev/shm: root may make them")
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the user or mount another /dev/shm")
 
 
-def faults(result):
+def read_faults(result):
     return [finding for finding in json.loads(result.stdout)["findings"] if not finding["note"]]
 
 
-def examined(shmgen, topic):
-    """The one fault that is to be found."""
+def find_fault(shmgen, topic):
+    """Run doctor, and return the only fault."""
     result = shmgen("doctor", topic, "--json")
     assert result.code == 1
-    (fault,) = faults(result)
+    (fault,) = read_faults(result)
     assert fault["topic"] == topic
     assert fault["hint"]
     return fault
 
 
-def test_a_healthy_region(topic, shmgen, peer):
+def test_healthy_region_has_no_faults(topic, shmgen, peer):
     writer = peer(PUBLISHER.format(topic=topic))
     result = shmgen("doctor", topic)
     assert (result.code, result.stderr) == (0, "")
@@ -67,26 +67,26 @@ def test_a_healthy_region(topic, shmgen, peer):
     assert region["processes"] == [{"pid": writer.pid, "name": region["processes"][0]["name"], "bits": BITS}]
 
 
-def test_a_writer_that_ended_is_no_fault(topic, shmgen, peer):
+def test_ended_writer_is_no_fault(topic, shmgen, peer):
     peer(PUBLISHER.format(topic=topic) + "; publisher.close()").kill()
     result = shmgen("doctor", topic)
     assert result.code == 0
     assert ", ended\n" in result.stdout
 
 
-def test_a_lock_whose_holder_was_killed(topic, semaphore, shmgen, peer):
-    inside = "; region_of(publisher).semaphore.acquire(); region_of(publisher).words[h.LOCK_HOLDER] = os.getpid()"
-    holder = peer(PUBLISHER.format(topic=topic) + inside)
-    fault = examined(shmgen, topic)
+def test_lock_held_by_a_killed_process_is_a_fault(topic, semaphore, shmgen, peer):
+    acquire = "; region_of(publisher).semaphore.acquire(); region_of(publisher).words[h.LOCK_HOLDER] = os.getpid()"
+    holder = peer(PUBLISHER.format(topic=topic) + acquire)
+    fault = find_fault(shmgen, topic)
     assert f"its lock has been held by process {holder.pid} (" in fault["message"]
     holder.kill()
-    os.waitid(os.P_PID, holder.pid, os.WEXITED | os.WNOWAIT)  # a zombie, until its parent asks
-    fault = examined(shmgen, topic)
+    os.waitid(os.P_PID, holder.pid, os.WEXITED | os.WNOWAIT)  # a zombie, until its parent waits for it
+    fault = find_fault(shmgen, topic)
     assert f"held by process {holder.pid}, which is dead, for 1." in fault["message"]
     assert (fault["file"], fault["process"]) == (str(semaphore), holder.pid)
 
 
-def test_a_lock_in_use_is_no_fault(topic, shmgen, peer):
+def test_busy_lock_is_no_fault(topic, shmgen, peer):
     busy = """
 import threading, time
 def work():
@@ -101,29 +101,29 @@ threading.Thread(target=work, daemon=True).start()
     assert shmgen("doctor", topic).code == 0
 
 
-def test_a_surplus_token(topic, semaphore, shmgen, peer):
+def test_surplus_semaphore_token_is_a_fault(topic, semaphore, shmgen, peer):
     post = "import posix_ipc; posix_ipc.Semaphore('/' + region_of(publisher).name).release()"
     peer(f"{PUBLISHER.format(topic=topic)}; {post}")
-    fault = examined(shmgen, topic)
+    fault = find_fault(shmgen, topic)
     assert "its semaphore is 2" in fault["message"]
     assert "returns to 1 automatically" in fault["hint"]
     assert fault["file"] == str(semaphore)
 
 
-def test_a_semaphore_that_is_missing_and_one_that_came_in_its_place(topic, semaphore, shmgen, peer):
+def test_missing_or_replaced_semaphore_is_a_fault(topic, semaphore, shmgen, peer):
     writer = peer(PUBLISHER.format(topic=topic))
     semaphore.unlink()
-    fault = examined(shmgen, topic)
+    fault = find_fault(shmgen, topic)
     assert "its semaphore is missing" in fault["message"]
     assert fault["hint"] == f"restart process {writer.pid}"
     posix_ipc.Semaphore("/" + region_name(topic), posix_ipc.O_CREX, mode=0o660, initial_value=1).close()
     semaphore.chmod(0o660)
-    fault = examined(shmgen, topic)
+    fault = find_fault(shmgen, topic)
     assert "uses a semaphore that was removed" in fault["message"]
     assert fault["process"] == writer.pid
 
 
-def test_another_layout_than_that_of_the_folder(topic, tmp_path, shmgen):
+def test_layout_that_differs_from_the_folder_is_a_fault(topic, tmp_path, shmgen):
     small = '[strings]\n"std_msgs/String.data" = 20\n'
     (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/String"]\n' + small)
     assert shmgen("pub", topic, "std_msgs/String", "--once").code == 0
@@ -131,7 +131,7 @@ def test_another_layout_than_that_of_the_folder(topic, tmp_path, shmgen):
     assert (result.code, "layout: same as shmgen.toml" in result.stdout) == (0, True)
 
     (tmp_path / "shmgen.toml").write_text('messages = ["std_msgs/String"]\n')
-    fault = examined(shmgen, topic)
+    fault = find_fault(shmgen, topic)
     assert "another layout of std_msgs/msg/String than this folder" in fault["message"]
     assert "21 bytes in the region" in fault["message"]
     assert "81 bytes, by shmgen.toml" in fault["message"]
@@ -148,68 +148,68 @@ def test_another_layout_than_that_of_the_folder(topic, tmp_path, shmgen):
         ('type = "std_msgs/Bool"', "the region has type std_msgs/msg/String, but shmgen.toml has std_msgs/Bool"),
     ],
 )
-def test_another_depth_or_type_than_configured(entry, message, topic, tmp_path, shmgen):
+def test_depth_or_type_that_differs_from_toml_is_a_fault(entry, message, topic, tmp_path, shmgen):
     assert shmgen("pub", topic, "std_msgs/String", "--once").code == 0
     (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}"\n{entry}\n')
-    assert examined(shmgen, topic)["message"] == message
+    assert find_fault(shmgen, topic)["message"] == message
 
 
-def test_a_file_cut_short_and_one_of_another_version(topic, file, shmgen):
+def test_truncated_file_or_other_abi_is_a_fault(topic, file, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
     with file.open("r+b") as opened:
         opened.truncate(300)
-    assert "need 704" in examined(shmgen, topic)["message"]
+    assert "need 704" in find_fault(shmgen, topic)["message"]
     with file.open("r+b") as opened:
         opened.truncate(4096)
         opened.seek(4)
         opened.write(b"\1")
-    assert "another version of shmgen created it: ABI 1" in examined(shmgen, topic)["message"]
+    assert "another version of shmgen created it: ABI 1" in find_fault(shmgen, topic)["message"]
 
 
-def test_a_semaphore_with_other_permissions(topic, semaphore, shmgen):
+def test_semaphore_with_fewer_permissions_is_a_fault(topic, semaphore, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
     semaphore.chmod(0o600)
-    fault = examined(shmgen, topic)
+    fault = find_fault(shmgen, topic)
     assert "some users can read, but not lock" in fault["message"]
     subprocess.run(fault["hint"].strip("`"), shell=True, check=True)
     assert shmgen("doctor", topic).code == 0
 
 
-def test_another_mode_or_group_than_configured(topic, file, semaphore, tmp_path, shmgen):
+def test_mode_or_group_that_differs_from_toml_is_a_fault(topic, file, semaphore, tmp_path, shmgen):
     group = grp.getgrgid(os.getegid()).gr_name
     (tmp_path / "shmgen.toml").write_text(f'[regions]\nmode = "0600"\ngroup = "{group}"\n')
     shmgen("pub", topic, "std_msgs/String", "--once")
     assert file.stat().st_mode & 0o777 == 0o600
     assert shmgen("doctor", topic).code == 0
     (tmp_path / "shmgen.toml").write_text('[regions]\nmode = "0660"\ngroup = "plc"\n')
-    found = faults(shmgen("doctor", topic, "--json"))
-    assert {finding["file"] for finding in found} == {str(file), str(semaphore)}
-    assert [finding["message"] for finding in found][:2] == [
+    findings = read_faults(shmgen("doctor", topic, "--json"))
+    assert {finding["file"] for finding in findings} == {str(file), str(semaphore)}
+    assert [finding["message"] for finding in findings][:2] == [
         'the mode is 0600, but shmgen.toml has mode = "0660"',
         f'the group is {group}, but shmgen.toml has group = "plc"',
     ]
-    for finding in found:
+    for finding in findings:
         if "mode" in finding["message"]:
             subprocess.run(finding["hint"].strip("`"), shell=True, check=True)
-    assert len(faults(shmgen("doctor", topic, "--json"))) == 2
+    assert len(read_faults(shmgen("doctor", topic, "--json"))) == 2
     assert "groupadd plc" in shmgen("pub", topic, "std_msgs/String", "--once").stderr
 
 
-def test_what_a_umask_has_left_of_a_mode(topic, file, semaphore, shmgen):
-    """As somebody leaves it who is killed between making it and giving it its mode."""
+def test_mode_reduced_by_a_umask_is_only_a_note(topic, file, semaphore, shmgen):
+    """Find files whose creator was killed before it set their mode."""
     shmgen("pub", topic, "std_msgs/String", "--once")
-    for left in (file, semaphore):
-        left.chmod(0o640)
+    for path in (file, semaphore):
+        path.chmod(0o640)
     result = shmgen("doctor", topic)
     assert result.code == 0
     assert result.stdout.count("note: the mode is 0640: the group may read the file, but also needs to write it") == 2
     assert f"`chmod g+w {semaphore}`" in result.stdout
 
 
-def test_a_process_that_holds_on_to_a_removed_region(topic, file, shmgen, peer):
+def test_process_using_a_removed_region_is_a_fault(topic, file, shmgen, peer):
     writer = peer(PUBLISHER.format(topic=topic))
     file.unlink()
-    fault = examined(shmgen, topic)
+    fault = find_fault(shmgen, topic)
     assert "still uses a region that was removed" in fault["message"]
     assert (fault["process"], fault["hint"]) == (writer.pid, f"restart process {writer.pid}")
     writer.kill()
@@ -221,12 +221,12 @@ NOBODY = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
 
 
 @pytest.fixture
-def for_nobody(topic):
-    """A process, and `shmgen doctor`, of a user who may do nothing but with what is his own."""
+def doctor_as_nobody(topic):
+    """A function that runs `shmgen doctor` as a user without access to the files and processes of others."""
     for module in ("posix_ipc", "shmgen.tools.doctor.doctor", "tests.runtime.messages"):
         command = [*NOBODY, sys.executable, "-c", f"import {module}"]
         if not shutil.which("setpriv") or subprocess.run(command, cwd=REPOSITORY, capture_output=True).returncode:
-            pytest.skip("another user may not enter the folder of this checkout")
+            pytest.skip("another user cannot read this checkout")
 
     def doctor(*arguments):
         command = [*NOBODY, sys.executable, "-m", "shmgen", "doctor", *arguments, "--json"]
@@ -237,7 +237,7 @@ def for_nobody(topic):
 
 @root_only
 @pytest.mark.parametrize(
-    "closed",
+    "cleanup",
     [
         "own = '/proc/self/fd/'; "
         "[os.close(int(name)) for name in os.listdir(own) if os.path.realpath(own + name) == {file!r}]",
@@ -246,15 +246,15 @@ def for_nobody(topic):
     ],
     ids=["its file", "its semaphore"],
 )
-def test_a_removed_region_of_a_process_of_one_s_own(topic, file, for_nobody, shmgen, peer, closed):
-    """Only root may look into map_files; the process's own descriptor tells as much, or the semaphore beside."""
-    writer = peer(f"{PUBLISHER}; {closed}".format(topic=topic, file=str(file)), *NOBODY)
+def test_user_finds_the_removed_region_of_an_own_process(topic, file, doctor_as_nobody, shmgen, peer, cleanup):
+    """Read the process's descriptors or its semaphore, because only root can read map_files."""
+    writer = peer(f"{PUBLISHER}; {cleanup}".format(topic=topic, file=str(file)), *NOBODY)
     file.unlink()
-    for asked in ((), (topic,)):
-        found = [finding for finding in for_nobody(*asked)["findings"] if finding["topic"] == topic]
-        assert [(finding["process"], finding["note"]) for finding in found] == [(writer.pid, False)]
-        assert "still uses a region that was removed" in found[0]["message"]
-    assert examined(shmgen, topic)["process"] == writer.pid  # as root
+    for topics in ((), (topic,)):
+        findings = [finding for finding in doctor_as_nobody(*topics)["findings"] if finding["topic"] == topic]
+        assert [(finding["process"], finding["note"]) for finding in findings] == [(writer.pid, False)]
+        assert "still uses a region that was removed" in findings[0]["message"]
+    assert find_fault(shmgen, topic)["process"] == writer.pid  # as root
 
 
 OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
@@ -262,9 +262,9 @@ OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
 
 @pytest.fixture
 def container(peer):
-    """A process with a /dev/shm of its own."""
+    """A function that starts a process with a separate /dev/shm."""
     if os.geteuid() or not shutil.which("unshare") or subprocess.run([*OWN, "true"], capture_output=True).returncode:
-        pytest.skip("no mount namespaces: root may make them")
+        pytest.skip("only root can create mount namespaces")
     return lambda work, *before: peer(work, *OWN, *before)
 
 
@@ -281,45 +281,45 @@ if not os.fork():
 os.read(opened, 1)
 publisher = PosePublisher({topic!r})
 """
-"""Two processes that map the region, as a whole cell in a container has them."""
+"""Two processes that use the region, like a cell that runs completely in one container."""
 
 
-def test_a_process_alone_in_another_dev_shm(topic, shmgen, peer, container):
+def test_single_process_in_another_dev_shm_is_a_fault(topic, shmgen, peer, container):
     peer(PUBLISHER.format(topic=topic))
     inside = container(PUBLISHER.format(topic=topic))
-    fault = examined(shmgen, topic)
+    fault = find_fault(shmgen, topic)
     assert "in another /dev/shm, so neither side sees the other" in fault["message"]
     assert fault["process"] == inside.pid
 
 
 @pytest.mark.slow
-def test_containers_that_are_whole_are_no_fault(topic, tmp_path, for_nobody, shmgen, peer, container):
-    """Each has its own /dev/shm with all that it needs, whether the machine has such a region too or not."""
-    about = lambda report: [f for f in report["findings"] if f["topic"].startswith(topic)]  # noqa: E731
+def test_complete_container_is_no_fault(topic, tmp_path, doctor_as_nobody, shmgen, peer, container):
+    """Accept containers with all peers of a region, whether or not this /dev/shm has the same region."""
+    own_findings = lambda report: [f for f in report["findings"] if f["topic"].startswith(topic)]  # noqa: E731
     container(PAIR.format(topic=f"{topic}_a"))
     container(PAIR.format(topic=f"{topic}_a"))
     container(PAIR.format(topic=f"{topic}_b"), *NOBODY)
-    container(PUBLISHER.format(topic=f"{topic}_c"))  # alone, and nobody here has heard of it
-    assert about(json.loads(shmgen("doctor", "--json").stdout)) == []
-    assert about(for_nobody()) == []
+    container(PUBLISHER.format(topic=f"{topic}_c"))  # a single process, with a topic that this /dev/shm does not have
+    assert own_findings(json.loads(shmgen("doctor", "--json").stdout)) == []
+    assert own_findings(doctor_as_nobody()) == []
     peer(PAIR.format(topic=f"{topic}_a"))
-    assert about(json.loads(shmgen("doctor", "--json").stdout)) == []
+    assert own_findings(json.loads(shmgen("doctor", "--json").stdout)) == []
     (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}_b"\ntype = "std_msgs/Bool"\n')
-    assert about(json.loads(shmgen("doctor", "--json").stdout)) == []
+    assert own_findings(json.loads(shmgen("doctor", "--json").stdout)) == []
     (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}_c"\ntype = "std_msgs/Bool"\n')
-    (lonely,) = about(json.loads(shmgen("doctor", "--json").stdout))
-    assert "in another /dev/shm" in lonely["message"]
+    (finding,) = own_findings(json.loads(shmgen("doctor", "--json").stdout))
+    assert "in another /dev/shm" in finding["message"]
 
 
-def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic, shmgen, container):
+def test_region_only_in_a_container_is_reported_if_named(topic, shmgen, container):
     container(PAIR.format(topic=topic))
-    found = faults(shmgen("doctor", topic, "--json"))
-    assert len(found) == 2
-    assert all("in another /dev/shm" in finding["message"] for finding in found)
+    findings = read_faults(shmgen("doctor", topic, "--json"))
+    assert len(findings) == 2
+    assert all("in another /dev/shm" in finding["message"] for finding in findings)
 
 
 @pytest.mark.parametrize(
-    ("value", "waiters", "dead", "said"),
+    ("value", "waiters", "dead", "expected"),
     [
         (0, 1, False, "its lock has been held by process {holder} ("),
         (0, 0, True, "its lock has been held by process {holder}, which is dead, for 1."),
@@ -328,16 +328,16 @@ def test_a_region_that_is_only_in_a_container_is_found_if_it_is_asked_for(topic,
     ],
 )
 @pytest.mark.family("[0-0-True")
-def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value, waiters, dead, said):
-    """glibc keeps whether somebody waits in its lowest bit, and the value above that (nptl's internaltypes.h)."""
+def test_semaphore_of_a_32_bit_process_is_decoded(topic, semaphore, file, shmgen, value, waiters, dead, expected):
+    """Decode the layout of glibc: the lowest bit records waiters, the bits above are the value (internaltypes.h)."""
     holder = 2**22 + 1 if dead else os.getpid()
     shmgen("pub", topic, "std_msgs/String", "--once")
     semaphore.write_bytes(struct.pack("<4I", value << 1 | waiters, 128, 0, waiters))
     with file.open("r+b") as region:
         region.seek(4 * h.LOCK_HOLDER)
         region.write(struct.pack("<I", holder))
-    if said:
-        assert said.format(holder=holder) in examined(shmgen, topic)["message"]
+    if expected:
+        assert expected.format(holder=holder) in find_fault(shmgen, topic)["message"]
     else:
         result = shmgen("doctor", topic)
         assert ("  lock: free, acquired 0 times per second" in result.stdout, result.code) == (True, 0)
@@ -349,8 +349,8 @@ def test_the_semaphore_of_a_32_bit_process(topic, semaphore, file, shmgen, value
 @pytest.mark.skipif(BITS == 32, reason="this Python has 32 bits itself, and no compiler here makes a program of 64")
 @pytest.mark.skipif(not shutil.which("i686-linux-gnu-gcc"), reason="no i686-linux-gnu-gcc: make test-all as root")
 @pytest.mark.family("[x86_64-False]")
-def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine, barrier, monkeypatch):
-    """The advice is one that the runtime takes on that machine."""
+def test_process_of_other_bitness_is_a_fault(topic, file, tmp_path, shmgen, peer, machine, barrier, monkeypatch):
+    """Suggest only settings that the runtime accepts on that machine."""
     (tmp_path / "small.c").write_text(
         "#include <fcntl.h>\n#include <stdio.h>\n#include <sys/mman.h>\n"
         "int main(int n, char **v) {\n"
@@ -367,20 +367,20 @@ def test_a_process_of_other_bitness(topic, file, tmp_path, shmgen, peer, machine
     with subprocess.Popen([program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as small:
         if small.stdout.readline() != "ready\n":
             pytest.skip("this kernel runs no 32-bit programs")
-        fault = examined(shmgen, topic)
+        fault = find_fault(shmgen, topic)
     assert f"process {small.pid} (small" in fault["message"]
     assert "has 32 bits" in fault["message"]
     assert fault["process"] == small.pid
-    advised = 'write sync = "sequence" under [regions]' in fault["hint"]
-    assert advised == (barrier or machine == "x86_64")
-    assert advised or "run programs of one bitness on both sides" in fault["hint"]
-    with nullcontext() if advised else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):
+    is_suggested = 'write sync = "sequence" under [regions]' in fault["hint"]
+    assert is_suggested == (barrier or machine == "x86_64")
+    assert is_suggested or "run programs of one bitness on both sides" in fault["hint"]
+    with nullcontext() if is_suggested else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):
         kind = type("Lockless", (Pose,), {"_regions_": RegionOptions(sync="sequence")})
         type("LocklessSubscriber", (Subscriber,), {"message_type": kind})(f"{topic}_sequence").close()
 
 
 @contextmanager
-def nobody():
+def become_nobody():
     """Run this process as another user, who may be unable to import modules from the checkout."""
     groups = os.getgroups()
     os.setgroups([])
@@ -396,51 +396,51 @@ def nobody():
 
 @pytest.mark.slow
 @root_only
-def test_as_a_user_who_may_not(topic, file, shmgen):
+def test_user_without_permission_gets_advice(topic, file, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
     commands = ["topics"], ["top", "--once"], ["info", topic[:-1]]
-    for command in (["doctor", topic], *commands):  # their modules are imported before the user changes
+    for command in (["doctor", topic], *commands):  # import their modules before the user changes
         shmgen(*command)
-    with nobody():
+    with become_nobody():
         result = run(["doctor", topic, "--json"], Path("/"))
-        refused = run(["clean", topic], Path("/"))
-        listed = [run(command, Path("/")).stderr for command in commands]
-    (fault,) = faults(result)
+        clean_result = run(["clean", topic], Path("/"))
+        errors = [run(command, Path("/")).stderr for command in commands]
+    (fault,) = read_faults(result)
     assert result.code == 1
     assert fault["file"] == str(file)
     assert "this user cannot read it" in fault["message"]
-    for text in (fault["hint"], refused.stderr):
-        assert "usermod" not in text  # nobody joins root for one file
+    for text in (fault["hint"], clean_result.stderr):
+        assert "usermod" not in text  # a user should not join root for one file
         assert "set `group` under [regions]" in text
-    assert refused.code == 1
-    assert f"{file} belongs to root:root with mode 660" in refused.stderr
-    for text in listed[:2]:
+    assert clean_result.code == 1
+    assert f"{file} belongs to root:root with mode 660" in clean_result.stderr
+    for text in errors[:2]:
         assert re.search(r"\d+ regions? that this user may not read; `shmgen doctor` says what to do", text)
         assert "no regions" not in text
-    assert f"did you mean {topic}?" in listed[2]
+    assert f"did you mean {topic}?" in errors[2]
 
 
 @root_only
 @pytest.mark.parametrize("mode", ["755", "700", "777"])
 @pytest.mark.family("[777]")
-def test_a_folder_of_regions_with_a_wrong_mode_is_a_fault(mode, tmp_path):
-    """Also to a user who may not look into it. /dev/shm here is that of a mount namespace of this test's own."""
+def test_wrong_mode_of_dev_shm_is_a_fault(mode, tmp_path):
+    """Report the mode also to a user who may not open the folder. The test mounts its own /dev/shm."""
     program = tmp_path / "as_nobody.py"
     program.write_text(
         f"{PRELOAD}\nos.chdir('/'); os.setgroups([]); os.setresgid(9, 9, 9); os.setresuid(9999, 9999, 9999)\n"
         "shmgen.cli.main.main()\n"
     )
     mount = f"mount -t tmpfs -o mode={mode} tmpfs /dev/shm && exec"
-    made = ["unshare", "--mount", "sh", "-c", f'{mount} "$@"', "sh", sys.executable, str(program)]
-    done = subprocess.run([*made, "doctor"], capture_output=True, text=True, check=False)
-    if done.returncode and "unshare" in done.stderr:
+    command = ["unshare", "--mount", "sh", "-c", f'{mount} "$@"', "sh", sys.executable, str(program)]
+    process = subprocess.run([*command, "doctor"], capture_output=True, text=True, check=False)
+    if process.returncode and "unshare" in process.stderr:
         pytest.skip("no mount namespaces here")
-    assert f"fault: the mode of /dev/shm is 0{mode} instead of 1777" in done.stdout, done.stderr
-    assert "`sudo chmod 1777 /dev/shm`" in done.stdout
-    assert done.returncode == 1
+    assert f"fault: the mode of /dev/shm is 0{mode} instead of 1777" in process.stdout, process.stderr
+    assert "`sudo chmod 1777 /dev/shm`" in process.stdout
+    assert process.returncode == 1
     if mode == "700":
-        listed = subprocess.run([*made, "topics"], capture_output=True, text=True, check=False).stderr
-        assert "this user may not look into /dev/shm; `shmgen doctor` says what to do" in listed
+        stderr = subprocess.run([*command, "topics"], capture_output=True, text=True, check=False).stderr
+        assert "this user may not look into /dev/shm; `shmgen doctor` says what to do" in stderr
 
 
 @pytest.mark.parametrize(
@@ -451,18 +451,18 @@ def test_a_folder_of_regions_with_a_wrong_mode_is_a_fault(mode, tmp_path):
         (12345, 0o640, "its group may not open it either"),
     ],
 )
-def test_a_user_is_told_to_join_only_a_group_that_is_for_this(gid, mode, advice):
+def test_advice_never_suggests_to_join_root(gid, mode, advice):
     status = os.stat_result((0o100000 | mode, 1, 1, 1, 12345, gid, 0, 0, 0, 0))
     assert advice in way_in(status)
 
 
-def test_a_file_that_is_no_region_is_one_fault_to_all(topic, file, shmgen):
+def test_file_that_is_no_region_is_reported_by_every_tool(topic, file, shmgen):
     file.write_bytes(b"hello\n")
-    answer = f"{file} is not a region of shmgen (magic 16#6C6C6568), 6 bytes"
+    message = f"{file} is not a region of shmgen (magic 16#6C6C6568), 6 bytes"
     hint = f"hint: `ls -l {file}` shows whose it is; remove it, or use another topic"
-    said = [
-        shmgen(*words, topic, *more)
-        for words, more in (
+    results = [
+        shmgen(*command, topic, *options)
+        for command, options in (
             (["echo"], ["--timeout", "1"]),
             (["doctor"], []),
             (["pub"], ["geometry_msgs/Pose", "--once"]),
@@ -471,27 +471,27 @@ def test_a_file_that_is_no_region_is_one_fault_to_all(topic, file, shmgen):
             (["hz"], ["--timeout", "1"]),
         )
     ]
-    with pytest.raises(RegionUnusable) as refused:
+    with pytest.raises(RegionUnusable) as error:
         PosePublisher(topic)
-    for text in (*(each.stdout + each.stderr for each in said), str(refused.value)):
-        assert answer in text
+    for text in (*(result.stdout + result.stderr for result in results), str(error.value)):
+        assert message in text
         assert hint in text
         assert "no such region" not in text
-    assert [each.code for each in said] == [1] * 6
+    assert [result.code for result in results] == [1] * 6
     assert file.read_bytes() == b"hello\n"
     file.write_bytes(b"")
-    (fault,) = faults(shmgen("doctor", topic, "--json"))
+    (fault,) = read_faults(shmgen("doctor", topic, "--json"))
     assert fault["message"] == "its header is not complete yet"
 
 
-def test_a_topic_that_is_not_there(topic, shmgen):
+def test_unknown_topic_gets_a_suggestion(topic, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
     result = shmgen("doctor", topic[:-1])
     assert (result.code, result.stdout) == (1, "")
     assert result.stderr.endswith(f"  hint: did you mean {topic}?\n")
 
 
-def test_all_regions_and_nothing_else(topic, file, shmgen):
+def test_doctor_lists_only_regions(topic, file, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
     foreign = Path(f"{file}_foreign")
     foreign.write_bytes(b"somebody's" * 100)
@@ -505,20 +505,20 @@ def test_all_regions_and_nothing_else(topic, file, shmgen):
 
 @pytest.mark.parametrize("arguments", [("doctor", "--json"), ("topics", "--json"), ("clean", "--all", "--dry-run")])
 @pytest.mark.family("[arguments2]")
-def test_a_region_may_vanish_at_any_moment(arguments, topic, file, semaphore, shmgen, monkeypatch):
+def test_region_may_vanish_at_any_system_call(arguments, topic, file, semaphore, shmgen, monkeypatch):
     """Remove the files before the command's first system call on them, then before the second, until the last."""
 
-    def counted(call):
-        def counting(path, *others, **named):
+    def count_calls(call):
+        def counting_call(path, *others, **keywords):
             nonlocal calls
             if region_name(topic) in str(path):
                 calls += 1
                 if calls == moment:
                     file.unlink()
                     semaphore.unlink()
-            return call(path, *others, **named)
+            return call(path, *others, **keywords)
 
-        return counting
+        return counting_call
 
     monkeypatch.setattr(snapshot, "_WATCH", 0)
     for moment in itertools.count(1):
@@ -526,11 +526,11 @@ def test_a_region_may_vanish_at_any_moment(arguments, topic, file, semaphore, sh
         calls = 0
         with monkeypatch.context() as patch:
             for name in ("access", "lstat", "open", "stat"):
-                patch.setattr(os, name, counted(getattr(os, name)))
+                patch.setattr(os, name, count_calls(getattr(os, name)))
             result = shmgen(*arguments)
         assert "No such file" not in result.stderr
         assert topic not in result.stderr
-        assert arguments[0] != "doctor" or topic not in [fault["topic"] for fault in faults(result)]
+        assert arguments[0] != "doctor" or topic not in [fault["topic"] for fault in read_faults(result)]
         if calls < moment:
             break
     assert moment > 3

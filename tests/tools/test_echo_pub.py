@@ -1,4 +1,4 @@
-"""`shmgen echo` and `shmgen pub`: text in, samples, the same text out."""
+"""Tests of `shmgen pub` and `shmgen echo`: text becomes samples, and samples become the same text."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ orientation:
 """
 
 
-def published(shmgen, topic, *arguments):
+def publish(shmgen, topic, *arguments):
     result = shmgen("pub", topic, *arguments, "--once")
     assert (result.code, result.stderr) == (0, "")
     assert result.stdout.startswith("publishing #1: ")
 
 
-def rejected(shmgen, topic, *arguments):
+def expect_rejection(shmgen, topic, *arguments):
     result = shmgen("pub", topic, *arguments, "--once")
     assert (result.code, result.stdout) == (1, "")
     assert not list(Path("/dev/shm").glob(f"*{topic.replace('/', '.')[1:]}*"))
@@ -53,48 +53,48 @@ def rejected(shmgen, topic, *arguments):
 
 
 @pytest.mark.parametrize("text", ["{position: {x: 1}}", '{"position": {"x": 1.0}}', "position:\n  x: 1e0"])
-def test_yaml_and_json(text, topic, shmgen):
-    published(shmgen, topic, "geometry_msgs/Pose", text)
+def test_pub_accepts_yaml_and_json(text, topic, shmgen):
+    publish(shmgen, topic, "geometry_msgs/Pose", text)
     result = shmgen("echo", topic, "--once")
     assert (result.code, result.stdout, result.stderr) == (0, POSE, "")
 
 
-def test_a_float32_has_its_own_digits(topic, shmgen):
-    """0.01 of a float32 is 0.009999999776482582 as a float64, which nobody wrote."""
-    published(shmgen, topic, "geometry_msgs/Point32", "{x: 0.01, y: -3.4028235e38, z: 1e-45}")
-    said = {
+def test_echo_prints_a_float32_with_its_shortest_digits(topic, shmgen):
+    """Print 0.01 of a float32 instead of 0.009999999776482582, the equal float64."""
+    publish(shmgen, topic, "geometry_msgs/Point32", "{x: 0.01, y: -3.4028235e38, z: 1e-45}")
+    outputs = {
         options: shmgen("echo", topic, *options.split(), "--once").stdout
         for options in ("", "--json", "--csv", "--field x")
     }
-    assert said == {
+    assert outputs == {
         "": "x: 0.01\ny: -3.4028235e+38\nz: 1e-45\n---\n",
         "--json": '{"x": 0.01, "y": -3.4028235e+38, "z": 1e-45}\n',
-        "--csv": said["--csv"],
+        "--csv": outputs["--csv"],
         "--field x": "0.01\n---\n",
     }
-    assert "0.01,-3.4028235e+38,1e-45" in said["--csv"]
+    assert "0.01,-3.4028235e+38,1e-45" in outputs["--csv"]
 
 
 @given(st.floats(width=32))
-def test_no_digit_of_a_float32_is_lost(value):
-    near = format.shortest(value)
-    assert ctypes.c_float(near).value == value or math.isnan(value)
-    assert len(repr(near)) <= len(repr(value))
+def test_shortest_digits_of_a_float32_are_exact(value):
+    shortest = format.shortest(value)
+    assert ctypes.c_float(shortest).value == value or math.isnan(value)
+    assert len(repr(shortest)) <= len(repr(value))
 
 
-def test_defaults_and_now(topic, shmgen):
+def test_pub_fills_in_defaults_and_the_present_time(topic, shmgen):
     before = time.time()
-    published(shmgen, topic, "geometry_msgs/msg/PoseStamped", "header: {stamp: now, frame_id: 'yes'}")
+    publish(shmgen, topic, "geometry_msgs/msg/PoseStamped", "header: {stamp: now, frame_id: 'yes'}")
     result = shmgen("echo", topic, "--once")
     message = YAML(typ="safe", pure=True).load(result.stdout.removesuffix("---\n"))
     assert before - 1 < message["header"]["stamp"]["sec"] < time.time() + 1
     assert message["header"]["frame_id"] == "yes"
     assert "frame_id: 'yes'\n" in result.stdout
-    published(shmgen, topic, "geometry_msgs/PoseStamped")
+    publish(shmgen, topic, "geometry_msgs/PoseStamped")
 
 
 @pytest.mark.parametrize(
-    ("type_name", "text", "complaint"),
+    ("type_name", "text", "error"),
     [
         (
             "geometry_msgs/Pose",
@@ -119,64 +119,64 @@ def test_defaults_and_now(topic, shmgen):
         ("std_msgs/Strin", "{}", "unknown message type `std_msgs/Strin`"),
     ],
 )
-def test_complaints_name_the_field_and_touch_nothing(type_name, text, complaint, topic, shmgen):
-    assert complaint in rejected(shmgen, topic, type_name, text)
+def test_pub_error_names_the_field_and_creates_no_region(type_name, text, error, topic, shmgen):
+    assert error in expect_rejection(shmgen, topic, type_name, text)
 
 
-def test_infinity_on_purpose_passes(topic, shmgen):
+def test_explicit_infinity_and_nan_are_accepted(topic, shmgen):
     for text in ("{r: .inf, g: -.inf, b: .nan}", '{"r": Infinity, "g": "-Infinity", "b": "NaN"}'):
-        published(shmgen, topic, "std_msgs/ColorRGBA", text)
+        publish(shmgen, topic, "std_msgs/ColorRGBA", text)
         assert shmgen("echo", topic, "--once").stdout == "r: .inf\ng: -.inf\nb: .nan\na: 0.0\n---\n"
 
 
-def test_errors_within_arrays_have_an_index(topic, tmp_path, shmgen):
+def test_error_in_an_array_has_an_index(topic, tmp_path, shmgen):
     (tmp_path / "shmgen.toml").write_text('[bounds]\n"geometry_msgs/Polygon" = 4\n')
-    complaint = rejected(shmgen, topic, "geometry_msgs/Polygon", "points: [{x: 1}, {x: 2, y: a}]")
-    assert "points[1].y: 'a' is str, not float32" in complaint
-    published(shmgen, topic, "geometry_msgs/Polygon", "points: [{x: 1}, {x: 2, y: 3}]")
+    error = expect_rejection(shmgen, topic, "geometry_msgs/Polygon", "points: [{x: 1}, {x: 2, y: a}]")
+    assert "points[1].y: 'a' is str, not float32" in error
+    publish(shmgen, topic, "geometry_msgs/Polygon", "points: [{x: 1}, {x: 2, y: 3}]")
     assert shmgen("echo", topic, "--once").stdout == (
         "points:\n- x: 1.0\n  y: 0.0\n  z: 0.0\n- x: 2.0\n  y: 3.0\n  z: 0.0\n---\n"
     )
 
 
-def test_arrays_are_shortened_and_say_so(topic, shmgen):
-    published(shmgen, topic, "sensor_msgs/Imu", json.dumps({"orientation_covariance": list(range(9))}))
+def test_echo_marks_shortened_arrays(topic, shmgen):
+    publish(shmgen, topic, "sensor_msgs/Imu", json.dumps({"orientation_covariance": list(range(9))}))
     assert (
         "orientation_covariance: [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]\n"
         in shmgen("echo", topic, "--once").stdout
     )
-    published(shmgen, topic + "b", "geometry_msgs/PoseWithCovariance")
+    publish(shmgen, topic + "b", "geometry_msgs/PoseWithCovariance")
     short, full = (shmgen("echo", topic + "b", "--once", *more).stdout for more in ((), ("--full",)))
     assert ", 0.0, '... 36 in all']\n" in short
     assert full.count("0.0, ") == 35
     assert len(json.loads(shmgen("echo", topic + "b", "--once", "--json").stdout)["covariance"]) == 36
 
 
-def test_a_sample_with_a_count_too_high_is_told_and_the_next_one_printed(topic, file, tmp_path, shmgen, started):
+def test_echo_reports_a_damaged_count_and_prints_the_next(topic, file, tmp_path, shmgen, started):
     (tmp_path / "shmgen.toml").write_text('[bounds]\n"sensor_msgs/JointState" = 3\n')
-    published(shmgen, topic, "sensor_msgs/JointState", "{position: [1.0]}")
+    publish(shmgen, topic, "sensor_msgs/JointState", "{position: [1.0]}")
     with file.open("r+b") as region:
-        there = header.unpack(region.read(), 0)
-        (count,) = (slot for slot in bounds_of("sensor_msgs/JointState", tmp_path) if slot.name == "position_count")
-        region.seek(there.header_size + there.slot_size + header.SLOT_HEADER + count.offset)
+        fields = header.unpack(region.read(), 0)
+        (count,) = (slot for slot in slots_of("sensor_msgs/JointState", tmp_path) if slot.name == "position_count")
+        region.seek(fields.header_size + fields.slot_size + header.SLOT_HEADER + count.offset)
         region.write((2**32 - 1).to_bytes(4, "little"))
-    said = f"{topic}: error[SHM702]: damaged sample: position: the writer says 4,294,967,295 elements; the bound is 3\n"
+    line = f"{topic}: error[SHM702]: damaged sample: position: the writer says 4,294,967,295 elements; the bound is 3\n"
     once = shmgen("echo", topic, "--once")
-    assert (once.code, once.stdout, once.stderr.partition("  hint")[0]) == (1, "", said)
+    assert (once.code, once.stdout, once.stderr.partition("  hint")[0]) == (1, "", line)
     process = started("echo", topic, "-n", "2", "--json")
-    assert process.stderr.readline() == said
-    published(shmgen, topic, "sensor_msgs/JointState", "{position: [2.0]}")
+    assert process.stderr.readline() == line
+    publish(shmgen, topic, "sensor_msgs/JointState", "{position: [2.0]}")
     assert json.loads(process.stdout.readline())["position"] == [2.0]
     assert process.wait() == 1
 
 
-def bounds_of(name, folder):
+def slots_of(name, folder):
     config = load(folder / "shmgen.toml", "shmgen.toml", Report())
     return next(layout for layout in pipeline.lay_out(config, [name]).values() if layout.requested).slots
 
 
 @pytest.mark.parametrize(("path", "count"), counts.PLACES)
-def test_the_count_at_fault_is_named(path, count, tmp_path_factory):
+def test_error_names_the_path_of_a_damaged_count(path, count, tmp_path_factory):
     folder = tmp_path_factory.mktemp("counts")
     for name, text in counts.DEFINITIONS.items():
         build.put({f"counts_msgs/{name}.{name.partition('/')[0]}": text}, folder)
@@ -192,32 +192,32 @@ def test_the_count_at_fault_is_named(path, count, tmp_path_factory):
         assert raised.value.path == path
 
 
-def test_the_layout_is_found_by_its_digest(topic, tmp_path, shmgen):
-    """Bounds of shmgen.toml, then of layout.lock; with neither, both digests and what to do."""
+def test_echo_finds_the_layout_by_its_digest(topic, tmp_path, shmgen):
+    """Search shmgen.toml, then layout.lock. If neither matches, print both digests and a hint."""
     toml = tmp_path / "shmgen.toml"
     toml.write_text('[bounds]\n"sensor_msgs/JointState" = 3\n[strings]\n"sensor_msgs/JointState.name" = 7\n')
-    published(shmgen, topic, "sensor_msgs/JointState", "{name: [a, b], position: [1, 2]}")
+    publish(shmgen, topic, "sensor_msgs/JointState", "{name: [a, b], position: [1, 2]}")
     text = shmgen("echo", topic, "--once").stdout
     assert "name: [a, b]\nposition: [1.0, 2.0]\nvelocity: []\n" in text
 
     shmgen("generate", "sensor_msgs/JointState", "-q")
     toml.rename(tmp_path / "other.toml")
     assert shmgen("echo", topic, "--once").stdout == text
-    published(shmgen, topic, "sensor_msgs/JointState", "{name: [c]}")
+    publish(shmgen, topic, "sensor_msgs/JointState", "{name: [c]}")
 
     (tmp_path / "generated" / "layout.lock").unlink()
     toml.write_text('[bounds]\n"sensor_msgs/JointState" = 5\n')
     result = shmgen("echo", topic, "--once")
     assert (result.code, result.stdout) == (1, "")
-    there = header.unpack(Path(f"/dev/shm/{topic[1:].replace('/', '.')}").read_bytes(), 0)
-    assert f"there: digest 16#{there.digest:016X}\n" in result.stderr
+    fields = header.unpack(Path(f"/dev/shm/{topic[1:].replace('/', '.')}").read_bytes(), 0)
+    assert f"there: digest 16#{fields.digest:016X}\n" in result.stderr
     assert "here:  digest 16#" in result.stderr
     assert "by shmgen.toml" in result.stderr
     assert "-c" in result.stderr
     assert shmgen("echo", topic, "--once", "-c", "other.toml").code == 0
 
 
-def test_own_messages(topic, tmp_path, shmgen):
+def test_pub_and_echo_accept_messages_of_a_folder(topic, tmp_path, shmgen):
     folder = tmp_path / "msgs" / "demo_msgs" / "msg"
     folder.mkdir(parents=True)
     (folder / "Robot.msg").write_text("int32 from\nduration pause\ntime[2] stamps\nstring<=5[<=2] names\n")
@@ -227,7 +227,7 @@ def test_own_messages(topic, tmp_path, shmgen):
         "stamps": [{"sec": 5, "nanosec": 0}] * 2,
         "names": ["a"],
     }
-    published(shmgen, topic, "demo_msgs/Robot", json.dumps(data), "-I", "msgs")
+    publish(shmgen, topic, "demo_msgs/Robot", json.dumps(data), "-I", "msgs")
     echoed = json.loads(shmgen("echo", topic, "--once", "--json", "-I", "msgs").stdout)
     assert (echoed["from"], echoed["pause"], echoed["names"]) == (3, data["pause"], ["a"])
     (folder.parent / "srv").mkdir()
@@ -241,7 +241,7 @@ def test_own_messages(topic, tmp_path, shmgen):
     assert "unknown message type `demo_msgs/msg/Robot`" in unknown.stderr
 
 
-def test_echo_waits_for_a_region_and_for_the_next_one(topic, shmgen, started):
+def test_echo_waits_for_a_region_and_its_replacement(topic, shmgen, started):
     echo = started("echo", topic, "-n", "2", "--json")
     assert echo.stderr.readline().startswith(f"{topic}: no such region; ")
     shmgen("pub", topic, "std_msgs/Int32", "{data: 1}", "--once")
@@ -253,20 +253,20 @@ def test_echo_waits_for_a_region_and_for_the_next_one(topic, shmgen, started):
     assert echo.wait(10) == 0
 
 
-def test_pub_counts_at_its_rate_and_echo_gets_each(topic, tmp_path, shmgen, started):
+def test_pub_keeps_its_rate_and_echo_prints_every_sample(topic, tmp_path, shmgen, started):
     (tmp_path / "shmgen.toml").write_text(f'[[topics]]\ntopic = "{topic}"\ntype = "std_msgs/Int32"\ndepth = 16\n')
     shmgen("pub", topic, "std_msgs/Int32", "--once")
     echo = started("echo", topic, "-n", "21", "--json")
     assert echo.stdout.readline() == '{"data": 0}\n'
-    begun = time.monotonic()
+    started_at = time.monotonic()
     assert len(shmgen("pub", topic, "std_msgs/Int32", "{data: 7}", "-r", "100", "-n", "20").stdout.splitlines()) == 20
-    assert time.monotonic() - begun > 0.19
+    assert time.monotonic() - started_at > 0.19
     stdout, stderr = echo.communicate(timeout=10)
     assert stdout == '{"data": 7}\n' * 20
     assert "overwritten" not in stderr
 
 
-def test_ctrl_c_ends_well(topic, shmgen, started):
+def test_ctrl_c_exits_with_code_0(topic, shmgen, started):
     pub = started("pub", topic, "std_msgs/Int32", "-r", "50")
     assert pub.stdout.readline()
     echo, hz, top = started("echo", topic), started("hz", topic), started("top", "-d", "0.2")
@@ -277,7 +277,7 @@ def test_ctrl_c_ends_well(topic, shmgen, started):
         assert (process.returncode, stderr) == (0, "")
 
 
-def test_a_second_writer_and_a_time_limit(topic, shmgen, started):
+def test_second_writer_is_refused_and_echo_times_out(topic, shmgen, started):
     pub = started("pub", topic, "std_msgs/Int32", "-r", "50")
     assert pub.stdout.readline()
     result = shmgen("pub", topic, "std_msgs/Int32", "--once")
@@ -294,7 +294,7 @@ def test_a_second_writer_and_a_time_limit(topic, shmgen, started):
 @pytest.mark.slow
 @given(text=st.text(max_size=20))
 @settings(max_examples=200, deadline=None)
-def test_any_text_is_yaml(text):
+def test_any_text_is_printed_as_yaml(text):
     line = f"data: {format._text(text)}\n"
     assert YAML(typ="safe", pure=True).load(line) == {"data": text}
 
@@ -302,8 +302,8 @@ def test_any_text_is_yaml(text):
 class TestAnyMessage:
     @given(schema=schemas.schemas(), seed=st.integers(0, 2**32))
     @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-    def test_out_and_in_again(self, schema, seed, tmp_path_factory):
-        """YAML and JSON of a random message, typed in again, give the message."""
+    def test_printed_message_parses_to_an_equal_message(self, schema, seed, tmp_path_factory):
+        """Print a random message as YAML and JSON, and parse both texts again."""
         folder = tmp_path_factory.mktemp("any")
         layouts = build.layouts_of(schema)
         package = f"any_{folder.name}"
@@ -317,8 +317,8 @@ class TestAnyMessage:
 
 
 @pytest.mark.slow
-def test_kill_ends_in_order(topic, started, shmgen):
-    """So that the lock is not left taken, whatever pub was about."""
+def test_sigterm_leaves_the_lock_of_pub_free(topic, started, shmgen):
+    """Release the lock, whatever `pub` was doing at the signal."""
     for _ in range(3):
         pub = started("pub", topic, "std_msgs/Int32", "-r", "10000")
         assert pub.stdout.readline()

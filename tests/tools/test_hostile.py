@@ -1,4 +1,4 @@
-"""Tools among what others laid into /dev/shm: files that are none, headers that cannot be, text that gives orders."""
+"""Tests of tools with hostile files in /dev/shm: no regions, impossible headers, terminal escape sequences."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from shmgen.runtime.region.record_locks import WRITER_LOCK, lock_byte
 
 from ..runtime.messages import PosePublisher, pose
 from .conftest import PEER, REPOSITORY
-from .test_doctor import PUBLISHER, examined, faults, root_only
+from .test_doctor import PUBLISHER, find_fault, read_faults, root_only
 
-ORDERS = b"evil\x1b]0;owned\x07\n\x9b31m\xe2\x80\xae/msg/X"
-SHOWN = "evil\\u001b]0;owned\\u0007\\u000a\\x9b31m\\xe2\\x80\\xae/msg/X"
+ESCAPES = b"evil\x1b]0;owned\x07\n\x9b31m\xe2\x80\xae/msg/X"
+ESCAPED = "evil\\u001b]0;owned\\u0007\\u000a\\x9b31m\\xe2\\x80\\xae/msg/X"
 
 
 @pytest.fixture
 def region(topic, file):
-    """A region with one sample; its header may be written over."""
+    """A function that writes bytes into the file of a region with one sample."""
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
 
@@ -38,9 +38,9 @@ def region(topic, file):
 
 
 @pytest.mark.slow
-def test_orders_in_the_name_of_a_type_reach_no_terminal(topic, file, region, shmgen):
-    region(32, ORDERS.ljust(64, b"\0"))
-    said = {
+def test_escape_sequences_in_a_type_name_are_escaped(topic, file, region, shmgen):
+    region(32, ESCAPES.ljust(64, b"\0"))
+    results = {
         name: shmgen(*command, topic) if command[0] != "top" else shmgen(*command)
         for name, command in {
             "doctor": ["doctor"],
@@ -54,33 +54,33 @@ def test_orders_in_the_name_of_a_type_reach_no_terminal(topic, file, region, shm
         }.items()
         if command[0] != "pub"
     }
-    with file.open("r+b") as held:
-        assert lock_byte(held.fileno(), WRITER_LOCK)  # what nobody writes is replaced
-        said["pub"] = shmgen("pub", topic, "std_msgs/String", "--once")
-    for name, result in said.items():
+    with file.open("r+b") as stream:
+        assert lock_byte(stream.fileno(), WRITER_LOCK)  # `pub` would replace a region without a writer
+        results["pub"] = shmgen("pub", topic, "std_msgs/String", "--once")
+    for name, result in results.items():
         text = result.stdout + result.stderr
         assert all(line.isprintable() for line in text.replace("\t", " ").split("\n")), (name, text)
     for name in ("doctor", "top", "echo", "pub"):
-        assert SHOWN in said[name].stdout + said[name].stderr, name
-    (row,) = [row for row in json.loads(said["top --json"].stdout) if row["topic"] == topic]
-    assert row["type"] == SHOWN
+        assert ESCAPED in results[name].stdout + results[name].stderr, name
+    (row,) = [row for row in json.loads(results["top --json"].stdout) if row["topic"] == topic]
+    assert row["type"] == ESCAPED
 
 
-def test_orders_in_a_value_reach_no_terminal(topic, shmgen):
+def test_escape_sequences_in_a_value_are_escaped(topic, shmgen):
     text = "a\x9b31m\u202etxt\u2066\U000e0041 ü😀"
     shmgen("pub", topic, "std_msgs/String", json.dumps({"data": text}), "--once")
     line = shmgen("echo", topic, "--once", "--json").stdout.rstrip("\n")
     assert line.isprintable()
     assert "ü😀" in line
     assert json.loads(line) == {"data": text}
-    for way in ([], ["--csv"], ["--csv", "--field", "data"]):
-        shown = shmgen("echo", topic, "--once", *way).stdout
-        assert shown.replace("\n", "").isprintable()
-        assert "ü😀" in shown
+    for options in ([], ["--csv"], ["--csv", "--field", "data"]):
+        output = shmgen("echo", topic, "--once", *options).stdout
+        assert output.replace("\n", "").isprintable()
+        assert "ü😀" in output
 
 
 @pytest.mark.parametrize(
-    ("offset", "data", "word"),
+    ("offset", "data", "message"),
     [
         (28, struct.pack("<I", 0), "the number of slots is 0"),
         (28, struct.pack("<I", 3), "the number of slots is 3"),
@@ -91,7 +91,7 @@ def test_orders_in_a_value_reach_no_terminal(topic, shmgen):
         (4, struct.pack("<H", 7), "ABI 7"),
     ],
 )
-def test_a_damaged_region_is_shown_and_ends_nothing(topic, file, region, shmgen, offset, data, word):
+def test_damaged_header_is_reported_by_every_tool(topic, file, region, shmgen, offset, data, message):
     region(offset, data)
     other = f"{topic}_whole"
     with PosePublisher(other) as publisher:
@@ -99,20 +99,20 @@ def test_a_damaged_region_is_shown_and_ends_nothing(topic, file, region, shmgen,
         result = shmgen("top", "--once", "-d", "0.1", "--json")
         assert (result.code, result.stderr) == (0, "")
         rows = {row["topic"]: row for row in json.loads(result.stdout)}
-        assert word in rows[topic]["type"]
+        assert message in rows[topic]["type"]
         assert rows[topic]["type"].startswith("damaged: ")
         assert rows[other]["type"] == "geometry_msgs/msg/Pose"
         assert shmgen("top", "--once", "-d", "0.1").code == 0
-    assert word in examined(shmgen, topic)["message"]
+    assert message in find_fault(shmgen, topic)["message"]
     for command in ("echo", "hz"):
         result = shmgen(command, topic, "--timeout", "1")
         assert result.code == 1
         assert f"{topic}: error[SHM702]: the region is damaged: " in result.stderr
-        assert word in result.stderr
+        assert message in result.stderr
     assert shmgen("clean", topic).stdout.endswith(f"removed {file}\n")
 
 
-def test_numbers_that_cannot_be_end_no_tool(topic, region, shmgen):
+def test_impossible_header_values_crash_no_tool(topic, region, shmgen):
     region(128, b"\xff" * 16)
     region(148, b"\xff" * 44)
     assert shmgen("top", "--once", "-d", "0.1").code == 0
@@ -131,81 +131,81 @@ TRAPS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", TRAPS)
 @pytest.mark.parametrize("place", ["region", "semaphore", "event"])
-def test_a_trap_in_the_place_of_a_file_is_named_and_not_opened(topic, file, semaphore, shmgen, started, kind, place):
+def test_fifo_symlink_or_folder_is_reported_and_not_opened(topic, file, semaphore, shmgen, started, kind, place):
     PosePublisher(topic).close()
     trap = {"region": file, "semaphore": semaphore, "event": semaphore.with_name(f"{semaphore.name}-event")}[place]
     trap.unlink(missing_ok=True)
     TRAPS[kind](trap)
     doctor = started("doctor", topic, "--json")
-    found = json.loads(doctor.communicate(timeout=20)[0])["findings"]
-    (fault,) = [finding for finding in found if not finding["note"]]
+    findings = json.loads(doctor.communicate(timeout=20)[0])["findings"]
+    (fault,) = [finding for finding in findings if not finding["note"]]
     assert fault["message"] == f"this is {kind} instead of a regular file, so programs refuse it"
     assert (fault["topic"], fault["file"]) == (topic, str(trap))
     for command in (["echo", topic, "--timeout", "0.1"], ["hz", topic, "--timeout", "0.1"], ["top", "--once"]):
         started(*command).communicate(timeout=20)
-    cleaned = started("clean", topic)
-    cleaned.communicate(timeout=20)
+    clean = started("clean", topic)
+    clean.communicate(timeout=20)
     if place == "region":
-        assert cleaned.returncode == 1
+        assert clean.returncode == 1
         assert os.path.lexists(trap)
     trap.rmdir() if trap.is_dir() else trap.unlink(missing_ok=True)
 
 
 @pytest.mark.parametrize("size", [0, 5])
-def test_a_semaphore_that_is_none(topic, semaphore, shmgen, size):
+def test_semaphore_file_of_wrong_size_is_a_fault(topic, semaphore, shmgen, size):
     PosePublisher(topic).close()
     semaphore.write_bytes(b"x" * size)
-    assert f"the file of its semaphore has {size} bytes" in examined(shmgen, topic)["message"]
+    assert f"the file of its semaphore has {size} bytes" in find_fault(shmgen, topic)["message"]
 
 
-def test_what_all_may_write_is_a_fault_unless_it_was_said(topic, file, semaphore, tmp_path, shmgen):
+def test_world_writable_file_is_a_fault_unless_configured(topic, file, semaphore, tmp_path, shmgen):
     PosePublisher(topic).close()
     event = semaphore.with_name(f"{semaphore.name}-event")
-    shutil.copy(semaphore, event)  # as a PLC makes it
-    for each in (file, semaphore, event):
-        each.chmod(0o666)
-    found = faults(shmgen("doctor", topic, "--json"))
-    assert [finding["file"] for finding in found] == [str(file), str(semaphore), f"{semaphore}-event"]
-    assert {finding["message"] for finding in found} == {
+    shutil.copy(semaphore, event)  # as a PLC creates it
+    for path in (file, semaphore, event):
+        path.chmod(0o666)
+    findings = read_faults(shmgen("doctor", topic, "--json"))
+    assert [finding["file"] for finding in findings] == [str(file), str(semaphore), f"{semaphore}-event"]
+    assert {finding["message"] for finding in findings} == {
         "every user of this machine can write it, so programs refuse this file"
     }
-    assert 'mode = "0666" under [regions]' in found[0]["hint"]
-    for finding in found[:2]:
+    assert 'mode = "0666" under [regions]' in findings[0]["hint"]
+    for finding in findings[:2]:
         subprocess.run(finding["hint"].split("`")[1], shell=True, check=True)
-    assert len(faults(shmgen("doctor", topic, "--json"))) == 1
-    for each in (file, semaphore):
-        each.chmod(0o666)
+    assert len(read_faults(shmgen("doctor", topic, "--json"))) == 1
+    for path in (file, semaphore):
+        path.chmod(0o666)
     (tmp_path / "shmgen.toml").write_text('[regions]\nmode = "0666"\n')
     assert shmgen("doctor", topic).code == 0
 
 
 @root_only
-def test_what_belongs_to_a_stranger_is_told_to_root(topic, file, semaphore, shmgen):
+def test_file_of_another_user_is_reported_to_root(topic, file, semaphore, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
-    for each in (file, semaphore):
-        os.chown(each, 54321, 54321)
+    for path in (file, semaphore):
+        os.chown(path, 54321, 54321)
     result = shmgen("doctor", topic)
     assert result.code == 0
     assert result.stdout.count("it belongs to 54321, a stranger to root, so programs of root refuse this file") == 2
     assert 'group = "54321" under [regions] in shmgen.toml' in result.stdout
-    refused = shmgen("echo", topic, "--timeout", "1")
-    assert (refused.code, "a stranger to root, and is not used" in refused.stderr) == (1, True)
+    echo_result = shmgen("echo", topic, "--timeout", "1")
+    assert (echo_result.code, "a stranger to root, and is not used" in echo_result.stderr) == (1, True)
 
 
-def test_a_process_with_a_name_that_gives_orders(topic, shmgen, started):
+def test_escape_sequences_in_a_process_name_are_escaped(topic, shmgen, started):
     work = PEER.format(repository=str(REPOSITORY), work=PUBLISHER.format(topic=topic))
-    command = [sys.executable, "-c", f"'\x1b]0;x\x07\u202e'\n{work}"]  # of a long line the end is not shown
+    command = [sys.executable, "-c", f"'\x1b]0;x\x07\u202e'\n{work}"]  # long command lines are shown without their end
     with subprocess.Popen(command, stdin=-1, stdout=-1) as process:
         process.stdout.readline()
         for tool in (["doctor", topic], ["top", "--once", "-d", "0.1"]):
-            shown = shmgen(*tool).stdout
-            assert "\\u001b]0;x\\u0007\\u202e" in shown
-            assert shown.replace("\n", "").isprintable()
+            output = shmgen(*tool).stdout
+            assert "\\u001b]0;x\\u0007\\u202e" in output
+            assert output.replace("\n", "").isprintable()
         process.stdin.close()
 
 
-def test_names_of_other_files_are_not_shown(topic, shmgen, peer):
-    """A process may map a file of any name, and remove it."""
+def test_doctor_prints_no_escape_sequences_of_file_names(topic, shmgen, peer):
+    """Print no control character, even if a process maps and removes a file with such a name."""
     holder = peer(f"""
 import mmap
 with open("/dev/shm/{region_name(topic)}\\u202e\\x07", "w+b") as opened:

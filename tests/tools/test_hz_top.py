@@ -1,4 +1,4 @@
-"""`shmgen hz` and `shmgen top`: what they count, and a screen driven through a pseudo-terminal."""
+"""Tests of `shmgen hz` and `shmgen top`: their counts, and the screen of `top` on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.support.region_of import region_of
 from ..runtime.messages import PosePublisher, PoseSubscriber, pose
 
 
-def test_hz_of_a_steady_writer(topic, shmgen, started):
+def test_hz_reports_the_rate_of_a_steady_writer(topic, shmgen, started):
     pub = started("pub", topic, "std_msgs/Int32", "-r", "100")
     assert pub.stdout.readline()
     result = shmgen("hz", topic, "-n", "2", "--json")
@@ -35,63 +35,63 @@ def test_hz_of_a_steady_writer(topic, shmgen, started):
     assert shmgen("hz", topic, "-n", "1").stdout.startswith("average rate: ")
 
 
-def test_hz_counts_what_it_cannot_see(topic):
-    """Bursts of five into two slots: two are seen, the others count in the rate and as missed."""
+def test_hz_counts_overwritten_samples(topic):
+    """Publish bursts of five into two slots: hz reads two of them, and counts three as missed."""
     notes = []
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(0.0))
         regions = stream.regions(topic, None, 1, notes.append)
         view, reader = next(regions)
-        looks = stream.batches(topic, view, reader, 1)
-        assert [sample.number for sample in next(looks)] == [1]
+        batches = stream.batches(topic, view, reader, 1)
+        assert [sample.number for sample in next(batches)] == [1]
         for number in range(2, 32, 5):
             for _ in range(5):
                 publisher.publish(pose(1.0))
-            assert [sample.number for sample in next(looks)] == [number + 3, number + 4]
+            assert [sample.number for sample in next(batches)] == [number + 3, number + 4]
         assert reader.missed == 18
-        assert view.header().missed == 0, "nobody else is to think that he missed them"
+        assert view.header().missed == 0, "the header counts only samples that readers missed"
         regions.close()
     assert notes == []
 
 
-def test_delay_by_the_stamp_there_is():
+def test_delay_uses_the_stamps_of_the_samples():
     header = h.header_for("test_msgs/msg/Any", 0, 8, 1)
     seen = [reports.Seen(number, 1.0, age) for number, age in enumerate((None, 0.25, 0.75))]
-    found = reports.delay(reports.Window("/any", seen, 0, header, "stamp"))
-    assert (found.mean, found.shortest, found.longest, found.deviation, found.window) == (0.5, 0.25, 0.75, 0.25, 2)
+    report = reports.delay(reports.Window("/any", seen, 0, header, "stamp"))
+    assert (report.mean, report.shortest, report.longest, report.deviation, report.window) == (0.5, 0.25, 0.75, 0.25, 2)
     assert reports.delay(reports.Window("/any", seen[:1], 0, header, "stamp")) is None
     with pytest.raises(ValueError, match="/any: its type has no stamp, and its writer has no clock"):
         reports.delay(reports.Window("/any", seen[:1], 0, header, "the writer's stamp"))
 
 
-def test_rate_of_numbers_and_times():
-    rate = rate_of((1, 10.0), (2, 10.1), (4, 10.3), (5, 10.5), missed=1)
+def test_rate_is_computed_from_numbers_and_times():
+    rate = compute_rate((1, 10.0), (2, 10.1), (4, 10.3), (5, 10.5), missed=1)
     assert rate.rate == 4 / 0.5
     assert (round(rate.shortest, 9), round(rate.longest, 9)) == (0.1, 0.2)
     assert (rate.window, rate.missed) == (4, 1)
     assert round(rate.deviation, 9) == 0.05
-    assert rate_of((1, 10.0)) is None
-    assert rate_of((2**32 - 1, 10.0), (2, 11.0)).rate == 1.0  # after the greatest number comes that of the slots
+    assert compute_rate((1, 10.0)) is None
+    assert compute_rate((2**32 - 1, 10.0), (2, 11.0)).rate == 1.0  # the greatest number, then the number of slots
 
 
-def rate_of(*seen, missed=0):
+def compute_rate(*seen, missed=0):
     header = h.header_for("test_msgs/msg/Any", 0, 8, 1)
-    return reports.rate(reports.Window("/any", [reports.Seen(*one, None) for one in seen], missed, header, ""))
+    return reports.rate(reports.Window("/any", [reports.Seen(*item, None) for item in seen], missed, header, ""))
 
 
-def rows_of(text, topic):
+def parse_rows(text, topic):
     return [line.split() for line in text.splitlines() if line.startswith(topic + " ")]
 
 
 @pytest.mark.slow
-def test_top_in_a_pipe(topic, shmgen, started):
+def test_top_prints_tables_into_a_pipe(topic, shmgen, started):
     pub = started("pub", topic, "std_msgs/Int32", "-r", "100")
     assert pub.stdout.readline()
     result = shmgen("top", "-n", "2", "-d", "0.5")
     assert (result.code, result.stderr) == (0, "")
     assert "\x1b" not in result.stdout
     assert result.stdout.startswith("TOPIC ")
-    rows = rows_of(result.stdout, topic)
+    rows = parse_rows(result.stdout, topic)
     assert len(rows) == 2
     for row in rows:
         assert row[1].endswith("/s")
@@ -102,7 +102,7 @@ def test_top_in_a_pipe(topic, shmgen, started):
     assert (row["slots"], row["recoveries"]) == (2, 0)
     pub.kill()
     pub.wait()
-    (row,) = rows_of(shmgen("top", "--once", "-d", "0.2").stdout, topic)
+    (row,) = parse_rows(shmgen("top", "--once", "-d", "0.2").stdout, topic)
     assert row[5] == "gone"
 
 
@@ -118,32 +118,32 @@ def test_top_counts_what_readers_missed(topic, shmgen):
         assert readers[0].read().position.x == 9.0
         assert len(readers[1].read_all()) == 4
         assert [reader.missed for reader in readers] == [9, 6]
-        assert shown(shmgen, topic)["missed"] == 9 + 6
+        assert read_row(shmgen, topic)["missed"] == 9 + 6
         region_of(publisher).words[h.MISSED] = 2**32 - 1
         publisher.publish(pose(10))
         publisher.publish(pose(11))
         for reader in readers:
             assert reader.read().position.x == 11.0
             reader.close()
-    assert shown(shmgen, topic)["missed"] == 1
+    assert read_row(shmgen, topic)["missed"] == 1
 
 
-def shown(shmgen, topic):
+def read_row(shmgen, topic):
     rows = json.loads(shmgen("top", "--once", "-d", "0.1", "--json").stdout)
     return next(row for row in rows if row["topic"] == topic)
 
 
-def test_order_and_width():
-    some = [row("/b", 1.0), row("/a", 5.0), row("/c", None)]
-    assert [found.topic for found in overview.ordered(some, "topic", False)] == ["/a", "/b", "/c"]
-    assert [found.topic for found in overview.ordered(some, "rate", False)] == ["/a", "/b", "/c"]
-    assert [found.topic for found in overview.ordered(some, "rate", True)] == ["/b", "/a", "/c"]
-    wide = max(map(len, overview.table(some, "")))
-    assert max(map(len, overview.table(some, "", width=wide - 6))) == wide - 6
-    assert "5.0/s" in overview.table(some, "", width=20)[2]
+def test_table_is_ordered_and_fits_the_width():
+    rows = [row("/b", 1.0), row("/a", 5.0), row("/c", None)]
+    assert [item.topic for item in overview.ordered(rows, "topic", False)] == ["/a", "/b", "/c"]
+    assert [item.topic for item in overview.ordered(rows, "rate", False)] == ["/a", "/b", "/c"]
+    assert [item.topic for item in overview.ordered(rows, "rate", True)] == ["/b", "/a", "/c"]
+    wide = max(map(len, overview.table(rows, "")))
+    assert max(map(len, overview.table(rows, "", width=wide - 6))) == wide - 6
+    assert "5.0/s" in overview.table(rows, "", width=20)[2]
 
 
-def test_in_80_columns_the_topic_is_whole_and_columns_go_from_the_right():
+def test_narrow_table_keeps_the_topic_and_drops_right_columns():
     for topic, titles in (
         ("/cell/oven/temperature", ["TOPIC", "RATE", "AGE", "TYPE", "WRITER", "SLOTS"]),
         ("/cell/arm/left/joint_trajectory_controller/state", ["TOPIC", "RATE", "AGE"]),
@@ -157,18 +157,18 @@ def test_in_80_columns_the_topic_is_whole_and_columns_go_from_the_right():
     assert overview.table([row("/a/topic/wider/than/this", 1.0)], "", width=12)[1] == "...than/this"
 
 
-def test_slots_are_counted_and_no_depth_is_guessed(topic, shmgen):
-    """Depth 4 and depth 7 make the same eight slots."""
+def test_slots_are_reported_instead_of_the_depth(topic, shmgen):
+    """Report slots, because depth 4 and depth 7 both need eight slots."""
     with PosePublisher(topic, depth=4):
-        assert shown(shmgen, topic)["slots"] == 8
-        (found,) = [region for region in json.loads(shmgen("topics", "--json").stdout) if region["topic"] == topic]
-        assert (found["slots"], "depth" in found) == (8, False)
+        assert read_row(shmgen, topic)["slots"] == 8
+        (region,) = [region for region in json.loads(shmgen("topics", "--json").stdout) if region["topic"] == topic]
+        assert (region["slots"], "depth" in region) == (8, False)
         assert "payload: 56 bytes, 8 slots" in shmgen("info", topic).stdout
         assert f"{topic}  geometry_msgs/msg/Pose, 8 slots, " in shmgen("doctor", topic).stdout
 
 
-def test_columns_stay_where_they_are():
-    """From one table to the next, with the numbers of every day and the sort going round; regions may come and go."""
+def test_columns_keep_their_position_between_tables():
+    """Keep the columns while rates, the sort order and the regions change."""
     before = {}
     first = overview.table([row("/a", None)], "topic", None, before)
     for rate, column in ((9.9, "rate"), (10.0, "age"), (999.9, "lock"), (1000.0, "type"), (0.0, "topic")):
@@ -186,7 +186,7 @@ def test_columns_stay_where_they_are():
 
 
 class Terminal:
-    """`shmgen top` on a terminal of 80 by 24."""
+    """`shmgen top` on a terminal of 80 by 24 characters."""
 
     def __init__(self, folder):
         self.leader, follower = pty.openpty()
@@ -198,15 +198,15 @@ class Terminal:
         self.process = subprocess.Popen(
             command, stdin=follower, stdout=follower, stderr=follower, cwd=folder, env=environment
         )
-        self.shown = ""
+        self.output = ""
 
     def until(self, pattern):
-        self.shown = ""
+        self.output = ""
         deadline = time.monotonic() + 20
-        while not re.search(pattern, self.shown, re.DOTALL):
-            assert time.monotonic() < deadline, self.shown
+        while not re.search(pattern, self.output, re.DOTALL):
+            assert time.monotonic() < deadline, self.output
             if select.select([self.leader], [], [], 0.2)[0]:
-                self.shown += os.read(self.leader, 65536).decode()
+                self.output += os.read(self.leader, 65536).decode()
 
     def press(self, keys):
         os.write(self.leader, keys.encode())
@@ -218,7 +218,7 @@ class Terminal:
         os.close(self.follower)
 
 
-def test_top_on_a_terminal(topic, tmp_path):
+def test_top_reacts_to_keys_on_a_terminal(topic, tmp_path):
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
         terminal = Terminal(tmp_path)
@@ -236,7 +236,7 @@ def test_top_on_a_terminal(topic, tmp_path):
             terminal.close()
 
 
-def test_top_gives_the_terminal_back_when_it_is_told_to_end(tmp_path):
+def test_top_restores_the_terminal_on_sigterm(tmp_path):
     terminal = Terminal(tmp_path)
     try:
         terminal.until(r"TOPIC\*")

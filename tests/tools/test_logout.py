@@ -1,4 +1,4 @@
-"""The warning of doctor before systemd-logind removes regions."""
+"""Tests of the warning of `shmgen doctor` that systemd-logind removes regions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def put(root, path, value):
         ({"usr/lib/systemd/logind.conf.d/b.conf": "RemoveIPC=1", "run/systemd/logind.conf.d/a.conf": "RemoveIPC=0"}, 1),
     ],
 )  # fmt: skip
-def test_the_setting_that_counts(tmp_path, files, removes):
+def test_effective_removeipc_setting_is_read(tmp_path, files, removes):
     for path, value in files.items():
         put(tmp_path, path, value)
     assert removes_ipc(tmp_path) == removes
@@ -39,20 +39,20 @@ def regions(*owners):
     return [SimpleNamespace(topic=f"/cell/n{n}", status=SimpleNamespace(st_uid=uid)) for n, uid in enumerate(owners)]
 
 
-def test_whose_regions_go(tmp_path):
-    seen = regions(4711, 4711, 0, 998)
-    assert not [*of_logout(seen, tmp_path)], "there is no logind"
+def test_warning_names_only_regions_of_login_users(tmp_path):
+    some_regions = regions(4711, 4711, 0, 998)
+    assert not [*of_logout(some_regions, tmp_path)], "there is no logind"
     (tmp_path / "run/systemd/seats").mkdir(parents=True)
-    (found,) = of_logout(seen, tmp_path)
-    assert found.message == "systemd-logind removes /cell/n0, /cell/n1 when 4711 logs out (RemoveIPC=yes)"
-    assert found.note
-    assert not [*of_logout(regions(0, 998), tmp_path)], "root's and those of services stay"
+    (finding,) = of_logout(some_regions, tmp_path)
+    assert finding.message == "systemd-logind removes /cell/n0, /cell/n1 when 4711 logs out (RemoveIPC=yes)"
+    assert finding.note
+    assert not [*of_logout(regions(0, 998), tmp_path)], "logind keeps regions of root and of services"
 
 
-def test_the_line_to_type_keeps_them(tmp_path):
+def test_command_of_the_hint_prevents_the_removal(tmp_path):
     (tmp_path / "run/systemd/seats").mkdir(parents=True)
-    (found,) = of_logout(regions(4711), tmp_path)
-    command = found.hint.split("`")[1].partition(" && sudo systemctl")[0]
+    (finding,) = of_logout(regions(4711), tmp_path)
+    command = finding.hint.split("`")[1].partition(" && sudo systemctl")[0]
     command = command.replace("sudo ", "").replace("/etc/", f"{tmp_path}/etc/")
     assert os.system(f"{command} >/dev/null") == 0
     assert not [*of_logout(regions(4711), tmp_path)]

@@ -1,4 +1,4 @@
-"""What users of `ros2 topic` look for: topics, info, bw, delay, echo of a field; and the shell's completion."""
+"""Tests of `shmgen topics`, `info`, `bw`, `delay`, `show`, `echo` with fields, and of the shell completion."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ POSE = '{header: {frame_id: "a\\u001b[31mb, c"}, pose: {position: {x: 2.5}}}'
 
 
 @pytest.fixture
-def posing(topic, tmp_path):
-    """A PoseStamped at 100 Hz, by a thread of this process."""
+def pose(topic, tmp_path):
+    """A PoseStamped that a thread of this process publishes at 100 Hz."""
     kind = Session(Config(tmp_path)).message("geometry_msgs/PoseStamped")
     data = typed.parse(POSE.replace("header: {", "header: {stamp: now, "))
-    over = threading.Event()
+    stopping = threading.Event()
     with publisher(kind, topic, 1) as writer:
 
         def publish():
-            while not over.wait(0.01):
+            while not stopping.wait(0.01):
                 writer.publish(typed.build(kind, data))
 
         thread = threading.Thread(target=publish)
         thread.start()
         yield
-        over.set()
+        stopping.set()
         thread.join()
 
 
-def test_topics_and_info(topic, posing, shmgen, peer):
+def test_topics_and_info_list_writers_and_readers(topic, pose, shmgen, peer):
     reader = peer(f"r = PoseSubscriber({topic + 'b'!r})")
-    shown = shmgen("topics")
-    assert shown.stdout.startswith("TOPIC ")
-    (row,) = [line.split() for line in shown.stdout.splitlines() if line.startswith(topic + " ")]
+    result = shmgen("topics")
+    assert result.stdout.startswith("TOPIC ")
+    (row,) = [line.split() for line in result.stdout.splitlines() if line.startswith(topic + " ")]
     assert row[1:3] == ["geometry_msgs/msg/PoseStamped", str(os.getpid())]
-    found = {region["topic"]: region for region in json.loads(shmgen("topics", "--json").stdout)}
-    assert (found[topic]["payload"], found[topic]["readers"], found[topic]["age"] < 30) == (144, [], True)
-    assert (found[topic + "b"]["readers"], found[topic + "b"]["writer"]) == ([reader.pid], "-")
+    regions = {region["topic"]: region for region in json.loads(shmgen("topics", "--json").stdout)}
+    assert (regions[topic]["payload"], regions[topic]["readers"], regions[topic]["age"] < 30) == (144, [], True)
+    assert (regions[topic + "b"]["readers"], regions[topic + "b"]["writer"]) == ([reader.pid], "-")
     text = shmgen("info", topic + "b").stdout
     assert "type: geometry_msgs/msg/Pose\ndigest: 16#0123456789ABCDEF\n" in text
     assert re.search(rf"^readers: 1(; others may be hidden: .*)?\n  {reader.pid} python", text, re.MULTILINE)
@@ -60,7 +60,7 @@ def test_topics_and_info(topic, posing, shmgen, peer):
     assert (missing.code, f"did you mean {topic}" in missing.stderr) == (1, True)
 
 
-def test_a_narrow_terminal():
+def test_table_fits_a_narrow_terminal():
     row = overview.Row("/a/long/topic", "package/msg/Long", "42 a longer name", 2, 0.5, readers=(1, 2))
 
     def table(width):
@@ -71,23 +71,23 @@ def test_a_narrow_terminal():
     assert table(wide - 12)[0].split() == ["TOPIC", "TYPE", "WRITER", "READERS", "SLOTS"]
 
 
-def test_bw_and_delay(topic, posing, shmgen):
-    def report(command, *form):
-        said = shmgen(command, topic, "-n", "1", "--timeout", "20", *form)
-        assert (said.code, said.stderr) == (0, ""), command
-        return said.stdout
+def test_bw_and_delay_report_bytes_and_age(topic, pose, shmgen):
+    def report(command, *options):
+        result = shmgen(command, topic, "-n", "1", "--timeout", "20", *options)
+        assert (result.code, result.stderr) == (0, ""), command
+        return result.stdout
 
-    found = json.loads(report("bw", "--json"))
-    assert found["rate"] == pytest.approx(found["samples"] * 144)
-    assert found["size"] == 144
-    assert 20 < found["samples"] < 110
+    values = json.loads(report("bw", "--json"))
+    assert values["rate"] == pytest.approx(values["samples"] * 144)
+    assert values["size"] == 144
+    assert 20 < values["samples"] < 110
     assert report("delay").startswith("average delay: 0.")
-    found = json.loads(report("delay", "--json"))
-    assert found["by"] == "header.stamp"
-    assert 0 <= found["shortest"] <= found["mean"] <= found["longest"]
+    values = json.loads(report("delay", "--json"))
+    assert values["by"] == "header.stamp"
+    assert 0 <= values["shortest"] <= values["mean"] <= values["longest"]
 
 
-def test_echo_of_a_field_in_every_form(topic, shmgen):
+def test_echo_prints_and_filters_fields(topic, shmgen):
     shmgen("pub", topic, "geometry_msgs/PoseStamped", POSE, "--once")
     echo = lambda *arguments: shmgen("echo", topic, "--once", *arguments)  # noqa: E731
     assert echo("--field", "pose.position").stdout == "x: 2.5\ny: 0.0\nz: 0.0\n---\n"
@@ -102,7 +102,7 @@ def test_echo_of_a_field_in_every_form(topic, shmgen):
         echo("--filter", "pose.position.x > 2 and m.header.frame_id[0] == 'a'", "--field", "pose.position.y").code == 0
     )
     assert "no sample within" in echo("--filter", "pose.position.x > 3", "--timeout", "0.1").stderr
-    for wrong, said in (
+    for options, expected in (
         (("--field", "pose.positon.x"), "no field positon; did you mean position?"),
         (("--field", "pose[0]"), "is applied to a field that is not an array"),
         (("--filter", "pos.x > 1"), "no field pos; did you mean pose?"),
@@ -111,13 +111,13 @@ def test_echo_of_a_field_in_every_form(topic, shmgen):
         (("--filter", "[x for x in pose]"), "ListComp is not allowed in a condition"),
         (("--filter", "pose >"), "is not a condition"),
     ):
-        found = echo(*wrong)
-        assert (found.code, found.stdout) == (1, ""), wrong
-        assert said in found.sentence
+        result = echo(*options)
+        assert (result.code, result.stdout) == (1, ""), options
+        assert expected in result.sentence
     assert echo("--json", "--csv").code == 2
 
 
-def test_sequences_stay_in_their_column(tmp_path):
+def test_csv_puts_a_sequence_into_one_column(tmp_path):
     (tmp_path / "s_msgs" / "msg").mkdir(parents=True)
     (tmp_path / "s_msgs" / "msg" / "All.msg").write_text(
         "float64[<=3] many\nint8[2] two\nbool ok\ngeometry_msgs/Point[<=2] points\n"
@@ -135,41 +135,41 @@ def test_sequences_stay_in_their_column(tmp_path):
     assert list(paths.leaves(layout, session.layouts(["s_msgs/All"]))) == ["many", "two", "ok", "points"]
 
 
-def test_plot_is_a_screen_of_view(shmgen):
-    said = shmgen("plot", "/a", "x")
-    assert (said.code, "did you mean `shmgen view --terminal`?" in said.stderr) == (2, True)
+def test_plot_command_points_to_view(shmgen):
+    result = shmgen("plot", "/a", "x")
+    assert (result.code, "did you mean `shmgen view --terminal`?" in result.stderr) == (2, True)
 
 
-def test_show_by_digest(topic, shmgen):
-    shown = shmgen("show", "geometry_msgs/Pose").stdout
-    digest = shown.partition("digest ")[2].split()[0]
-    for spelled in (digest, f"16#{digest.upper()}"):
-        assert shmgen("show", spelled).stdout == shown
+def test_show_finds_a_message_by_its_digest(topic, shmgen):
+    output = shmgen("show", "geometry_msgs/Pose").stdout
+    digest = output.partition("digest ")[2].split()[0]
+    for spelling in (digest, f"16#{digest.upper()}"):
+        assert shmgen("show", spelling).stdout == output
     missing = shmgen("show", "0123456789abcdef")
     assert (missing.code, "no message here has the digest 16#0123456789ABCDEF" in missing.stderr) == (1, True)
 
 
-def completed(folder, *words):
-    """What the script of bash would be given."""
+def complete(folder, *words):
+    """Return the completions that bash would offer."""
     environment = {"COMP_WORDS": " ".join(["shmgen", *words]), "COMP_CWORD": str(len(words))}
     environment["_SHMGEN_COMPLETE"] = "bash_complete"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", "import sys; sys.argv[0] = 'shmgen'; from shmgen.__main__ import main; main()"],
         cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True, check=True, timeout=60,
     )  # fmt: skip
-    return [line.partition(",")[2] for line in done.stdout.splitlines()]
+    return [line.partition(",")[2] for line in process.stdout.splitlines()]
 
 
-def test_completion_knows_what_is_live(topic, tmp_path, shmgen):
+def test_completion_offers_topics_fields_and_types(topic, tmp_path, shmgen):
     shmgen("pub", topic, "geometry_msgs/PoseStamped", "--once")
-    assert topic in completed(tmp_path, "echo", topic[:12])
-    assert completed(tmp_path, "echo", topic, "--field", "pose.po") == [f"pose.position.{axis}" for axis in "xyz"]
-    assert "header.frame_id" not in completed(tmp_path, "view", topic, "header.")
-    assert "geometry_msgs/Pose" in completed(tmp_path, "pub", topic, "geometry_msgs/Po")
+    assert topic in complete(tmp_path, "echo", topic[:12])
+    assert complete(tmp_path, "echo", topic, "--field", "pose.po") == [f"pose.position.{axis}" for axis in "xyz"]
+    assert "header.frame_id" not in complete(tmp_path, "view", topic, "header.")
+    assert "geometry_msgs/Pose" in complete(tmp_path, "pub", topic, "geometry_msgs/Po")
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_of_each_shell(shell, shmgen):
+def test_completion_script_is_valid_in_each_shell(shell, shmgen):
     script = shmgen("completion", shell).stdout
     assert "_SHMGEN_COMPLETE" in script
     if shutil.which(shell):
@@ -178,19 +178,18 @@ def test_the_script_of_each_shell(shell, shmgen):
 
 
 @pytest.mark.parametrize(
-    ("variable", "value", "coloured"), [("NO_COLOR", "1", False), ("TERM", "dumb", False), ("A", "1", True)]
+    ("variable", "value", "is_coloured"), [("NO_COLOR", "1", False), ("TERM", "dumb", False), ("A", "1", True)]
 )
 @pytest.mark.parametrize("command", [("info", "/no/such"), ("show", "no/such")], ids=["tool", "diagnostic"])
-def test_colour_only_where_it_is_wanted(variable, value, coloured, command, tmp_path):
-    """On a terminal."""
+def test_terminal_colours_respect_no_color_and_term(variable, value, is_coloured, command, tmp_path):
     leader, follower = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", variable: value}
     environment = {name: text for name, text in environment.items() if name != "NO_COLOR" or variable == "NO_COLOR"}
     arguments = [sys.executable, "-m", "shmgen", *command]
-    done = subprocess.run(
+    process = subprocess.run(
         arguments, cwd=tmp_path, env=environment, stdin=follower, stdout=follower, stderr=follower, check=False
     )
     os.close(follower)
-    assert done.returncode == 1
-    assert ("\x1b[" in os.read(leader, 65536).decode()) == coloured
+    assert process.returncode == 1
+    assert ("\x1b[" in os.read(leader, 65536).decode()) == is_coloured
     os.close(leader)
