@@ -1,4 +1,4 @@
-"""A region that is removed under the simplest program: both ends go on by themselves."""
+"""A publisher and a subscriber reopen their region automatically after it was removed."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from .messages import PosePublisher, PoseSubscriber, ScanPublisher, ScanSubscrib
 
 pytestmark = pytest.mark.usefixtures("each_engine")
 SOON = 10.0 * slower
-"""Seconds after which data flows again; a tenth of a second on a quiet machine."""
+"""Seconds within which data arrives again. A quiet machine needs a tenth of a second."""
 
 
-def within(seconds, call):
-    """The first result of `call` that is true."""
+def poll(seconds, call):
+    """Return the first true result of `call`."""
     deadline = time.monotonic() + seconds
-    while not (found := call()) and time.monotonic() < deadline:
+    while not (result := call()) and time.monotonic() < deadline:
         time.sleep(0.001)
-    assert found
-    return found
+    assert result
+    return result
 
 
 READS = {
@@ -37,18 +37,18 @@ READS = {
 }
 
 
-def borrowed(subscriber):
+def borrow(subscriber):
     with subscriber.borrow() as message:
         return message is not None and message.position.x == message.position.x
 
 
-READS["borrow"] = borrowed
+READS["borrow"] = borrow
 
 
-@pytest.mark.parametrize("way", READS)
-def test_a_loop_goes_on(topic, file, way, caplog):
-    """The publisher in the same process publishes in between, as the plain loop on the other side would."""
-    read, number = READS[way], 0
+@pytest.mark.parametrize("method", READS)
+def test_loop_continues_after_its_region_was_removed(topic, file, method, caplog):
+    """Publish between the reads, as the loop of a separate publisher does."""
+    read, number = READS[method], 0
 
     def cycle():
         nonlocal number
@@ -61,9 +61,9 @@ def test_a_loop_goes_on(topic, file, way, caplog):
         for count in (1, 2):
             before = file.stat().st_ino
             file.unlink()
-            within(SOON, lambda count=count: cycle() and file.exists() and subscriber.reopen_count == count)
+            poll(SOON, lambda count=count: cycle() and file.exists() and subscriber.reopen_count == count)
             assert file.stat().st_ino != before
-            assert within(SOON, cycle)
+            assert poll(SOON, cycle)
             assert (publisher.reopen_count, subscriber.reopen_count) == (count, count)
         assert subscriber.missed + 2 < number
     logged = [record.message for record in caplog.records if record.levelno == logging.WARNING]
@@ -73,14 +73,14 @@ def test_a_loop_goes_on(topic, file, way, caplog):
     ]
 
 
-def test_a_reader_alone_creates_the_region_and_reads_all_of_it(topic, file):
+def test_reader_recreates_the_region_and_reads_all_its_samples(topic, file):
     with PoseSubscriber(topic, depth=8) as subscriber:
         file.unlink()
-        within(SOON, lambda: subscriber.read_all() == [] and file.exists() and subscriber.reopen_count)
+        poll(SOON, lambda: subscriber.read_all() == [] and file.exists() and subscriber.reopen_count)
         with PosePublisher(topic, depth=8) as publisher:
             for number in range(5):
                 publisher.publish(pose(number))
-        assert [one.position.x for one in subscriber.read_all()] == [0, 1, 2, 3, 4]
+        assert [message.position.x for message in subscriber.read_all()] == [0, 1, 2, 3, 4]
 
 
 def test_samples_in_the_removed_region_are_read_first(topic, file):
@@ -88,16 +88,16 @@ def test_samples_in_the_removed_region_are_read_first(topic, file):
         publisher.publish(pose(1))
         file.unlink()
         time.sleep(0.12)
-        publisher.publish(pose(2))  # into a region of its own
+        publisher.publish(pose(2))  # into the new region
         assert publisher.reopen_count == 1
         publisher.publish(pose(3))
-        found = []
-        within(SOON, lambda: (found.extend(subscriber.read_all()), len(found) >= 3)[1])
-        assert [one.position.x for one in found] == [1, 2, 3]
+        messages = []
+        poll(SOON, lambda: (messages.extend(subscriber.read_all()), len(messages) >= 3)[1])
+        assert [message.position.x for message in messages] == [1, 2, 3]
         assert subscriber.missed == 0
 
 
-def test_a_sample_that_is_lent_keeps_its_region(topic, file):
+def test_borrowed_sample_keeps_its_region(topic, file):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         with subscriber.borrow() as message:
@@ -106,30 +106,30 @@ def test_a_sample_that_is_lent_keeps_its_region(topic, file):
             assert subscriber.read() is None
             assert (message.position.x, subscriber.reopen_count) == (1, 0)
         publisher.publish(pose(2))
-        assert within(SOON, subscriber.read).position.x == 2
+        assert poll(SOON, subscriber.read).position.x == 2
 
 
-def test_heartbeats_alone_reopen_it(topic, file):
+def test_heartbeats_alone_reopen_the_region(topic, file):
     with PosePublisher(topic) as publisher:
         file.unlink()
-        within(SOON, lambda: (publisher.heartbeat(), publisher.reopen_count)[1])
+        poll(SOON, lambda: (publisher.heartbeat(), publisher.reopen_count)[1])
         assert file.exists()
 
 
-def test_stale_is_no_error_while_it_is_reopened(topic, file):
+def test_is_stale_raises_nothing_while_the_region_is_reopened(topic, file):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         file.unlink()
-        within(SOON, lambda: (subscriber.is_stale(0), subscriber.unread, subscriber.read(), subscriber.reopen_count)[3])
-        within(SOON, lambda: (publisher.publish(pose(1)), subscriber.read())[1])
+        poll(SOON, lambda: (subscriber.is_stale(0), subscriber.unread, subscriber.read(), subscriber.reopen_count)[3])
+        poll(SOON, lambda: (publisher.publish(pose(1)), subscriber.read())[1])
 
 
-def test_another_writer_there_is_an_error_until_it_ends(topic, file):
+def test_other_writer_of_the_new_region_is_an_error_until_closed(topic, file):
     with PosePublisher(topic) as publisher:
         file.unlink()
         with PosePublisher(topic) as other:
             other.publish(pose(1))
             with pytest.raises(runtime.RegionInUse):
-                within(SOON, lambda: publisher.publish(pose(2)))
+                poll(SOON, lambda: publisher.publish(pose(2)))
             with pytest.raises(runtime.RegionInUse):
                 publisher.publish(pose(2))
         time.sleep(0.6)
@@ -137,7 +137,7 @@ def test_another_writer_there_is_an_error_until_it_ends(topic, file):
         assert (publisher.sequence, publisher.reopen_count) == (2, 1)
 
 
-def test_another_layout_there_is_an_error(topic, file):
+def test_other_layout_of_the_new_region_is_an_error(topic, file):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         assert subscriber.read()
@@ -145,10 +145,10 @@ def test_another_layout_there_is_an_error(topic, file):
         with ScanPublisher(topic), ScanSubscriber(topic):
             for call in (lambda: publisher.publish(pose(2)), subscriber.read):
                 with pytest.raises(runtime.LayoutMismatch, match="writes it"):
-                    within(SOON, call and (lambda call=call: (call(), False)[1]))
+                    poll(SOON, call and (lambda call=call: (call(), False)[1]))
 
 
-def test_a_closed_end_stays_closed(topic, file):
+def test_closed_endpoint_stays_closed(topic, file):
     publisher, subscriber = PosePublisher(topic), PoseSubscriber(topic)
     file.unlink()
     time.sleep(0.12)
@@ -166,7 +166,7 @@ def test_a_closed_end_stays_closed(topic, file):
             call()
 
 
-def test_history_is_that_of_the_new_region(topic, file):
+def test_history_comes_from_the_new_region(topic, file):
     with PosePublisher(topic, depth=4) as publisher:
         publisher.publish(pose(1))
         with PoseSubscriber(topic, depth=4, history=True) as subscriber:
@@ -175,5 +175,5 @@ def test_history_is_that_of_the_new_region(topic, file):
             time.sleep(0.12)
             publisher.publish(pose(2))
             publisher.publish(pose(3))
-            found = []
-            within(SOON, lambda: (found.extend(subscriber.read_all()), len(found) == 2)[1])
+            messages = []
+            poll(SOON, lambda: (messages.extend(subscriber.read_all()), len(messages) == 2)[1])

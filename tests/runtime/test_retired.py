@@ -1,6 +1,6 @@
-"""A region that is removed or replaced under ends that do not reopen it: each call raises that, and one region is left.
+"""Endpoints that do not reopen raise RegionRetired after their region was removed or replaced.
 
-Pose stands for a message, Scan for what became of it.
+Pose is the former layout of a message, and Scan is its new layout.
 """
 
 from __future__ import annotations
@@ -26,50 +26,50 @@ pytestmark = pytest.mark.usefixtures("each_engine")
 RETIRED = "was removed, or replaced by one of another layout: open this {} anew"
 
 
-def type_of(topic):
+def read_type_name(topic):
     return runtime.read_header(runtime.region_name(topic)).type_name
 
 
-def told(call, word):
-    """From 0.1 s after the removal on."""
+def check_retired(call, word):
+    """Check that the call raises RegionRetired, from 0.1 s after the removal on."""
     time.sleep(0.12)
     for _ in range(2):
         with pytest.raises(runtime.RegionRetired, match=RETIRED.format(word)):
             call()
 
 
-@pytest.mark.parametrize("way", ["clean", "rm"])
-def test_who_has_it_open_is_told(topic, file, way):
-    """`rm` leaves no mark in the region: the first end that checks the file sets one, also for PLCs."""
+@pytest.mark.parametrize("method", ["clean", "rm"])
+def test_calls_raise_after_the_region_was_removed(topic, file, method):
+    """Mark the region. After `rm`, the first endpoint that checks the file sets the mark, which PLCs read as well."""
     publisher, subscriber, idle = (
         side(topic, reopen=False) for side in (PosePublisher, PoseSubscriber, PoseSubscriber)
     )
     with publisher, subscriber, idle:
         publisher.publish(pose(1))
         memory = Memory(topic)
-        if way == "rm":
+        if method == "rm":
             file.unlink()
         else:
             clean.remove(clean.leftovers(topic))
-        assert bool(memory["retired"]) == (way == "clean")
+        assert bool(memory["retired"]) == (method == "clean")
         assert not file.exists()
-        assert subscriber.read().position.x == 1.0, "what is there is read first"
-        told(lambda: subscriber.wait(30), "subscriber")
-        told(publisher.heartbeat, "publisher")
+        assert subscriber.read().position.x == 1.0, "the existing sample is read first"
+        check_retired(lambda: subscriber.wait(30), "subscriber")
+        check_retired(publisher.heartbeat, "publisher")
         assert idle.read().position.x == 1.0
-        told(idle.read, "subscriber")
+        check_retired(idle.read, "subscriber")
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(2))
         assert subscriber.wait(1).position.x == 2.0
 
 
-def test_a_publisher_is_told_before_it_publishes(topic):
+def test_publisher_raises_before_it_publishes(topic):
     with PosePublisher(topic, reopen=False) as publisher:
         clean.remove(clean.leftovers(topic))
-        told(lambda: publisher.publish(pose(1)), "publisher")
+        check_retired(lambda: publisher.publish(pose(1)), "publisher")
 
 
-def test_who_only_looks_whether_the_writer_lives_sees_it_too(topic, file):
+def test_is_stale_marks_a_removed_region(topic, file):
     with PosePublisher(topic), PoseSubscriber(topic, reopen=False) as subscriber:
         memory = Memory(topic)
         file.unlink()
@@ -78,7 +78,7 @@ def test_who_only_looks_whether_the_writer_lives_sees_it_too(topic, file):
         assert memory["retired"]
 
 
-def test_who_waits_is_told_at_once(topic, file):
+def test_waiting_subscriber_raises_at_once(topic, file):
     with PosePublisher(topic), PoseSubscriber(topic, reopen=False) as subscriber:
         threading.Timer(0.1, file.unlink).start()
         before = time.monotonic()
@@ -87,8 +87,8 @@ def test_who_waits_is_told_at_once(topic, file):
         assert time.monotonic() - before < 20
 
 
-def test_clean_leaves_a_region_that_a_reader_out_of_sight_has_open(topic, file):
-    """As in a container, whose processes are not seen here; the record lock is."""
+def test_clean_keeps_a_region_of_an_invisible_reader(topic, file):
+    """Discover a reader in another container by its record lock, because its process is invisible."""
     processes = Processes([], False)
     with PoseSubscriber(topic):
         assert clean.in_use(topic, processes) == "a process of another user or in another container uses it"
@@ -97,12 +97,12 @@ def test_clean_leaves_a_region_that_a_reader_out_of_sight_has_open(topic, file):
 
 
 @pytest.mark.parametrize("side", [ScanPublisher, ScanSubscriber])
-def test_what_nobody_has_open_is_replaced(topic, side):
+def test_unused_region_of_another_layout_is_replaced(topic, side):
     PosePublisher(topic).close()
     with side(topic):
-        assert type_of(topic) == Scan._type_name_
+        assert read_type_name(topic) == Scan._type_name_
     PoseSubscriber(topic).close()
-    assert type_of(topic) == "geometry_msgs/msg/Pose"
+    assert read_type_name(topic) == "geometry_msgs/msg/Pose"
 
 
 def test_another_depth_is_another_layout(topic):
@@ -114,7 +114,7 @@ def test_another_depth_is_another_layout(topic):
 
 
 @pytest.mark.parametrize("side", [ScanPublisher, ScanSubscriber])
-def test_what_a_living_process_writes_is_not(topic, side):
+def test_region_with_a_live_writer_is_not_replaced(topic, side):
     with PosePublisher(topic) as publisher:
         with pytest.raises(
             runtime.LayoutMismatch, match=f"process {os.getpid()} writes it: update that side, or stop it"
@@ -123,20 +123,20 @@ def test_what_a_living_process_writes_is_not(topic, side):
         publisher.publish(pose(1))
 
 
-def test_readers_are_told_by_who_replaces_it_to_write(topic):
+def test_readers_raise_after_a_writer_replaced_the_region(topic):
     with PoseSubscriber(topic, reopen=False) as subscriber:
         with pytest.raises(
             runtime.LayoutMismatch, match="a reader does not replace it: stop them, or start the publisher"
         ):
             ScanSubscriber(topic)
         with ScanPublisher(topic):
-            told(subscriber.read, "subscriber")
+            check_retired(subscriber.read, "subscriber")
             with pytest.raises(runtime.LayoutMismatch, match="writes it"):
                 PoseSubscriber(topic)
 
 
 @pytest.mark.parametrize("side", [ScanPublisher, ScanSubscriber])
-def test_a_plc_is_watched_for_a_second(topic, side):
+def test_plc_is_watched_for_a_second_before_a_replacement(topic, side):
     PosePublisher(topic).close()
     memory = Memory(topic)
     stop = threading.Event()
@@ -156,11 +156,11 @@ def test_a_plc_is_watched_for_a_second(topic, side):
     before = time.monotonic()
     side(topic).close()
     assert time.monotonic() - before >= 1
-    assert memory["retired"] == 1, "a PLC that goes on sees it"
+    assert memory["retired"] == 1, "a PLC that continues finds the mark"
 
 
-def test_who_dies_between_the_mark_and_the_removal(topic, file):
-    """Whoever comes next, of either layout, ends it."""
+def test_next_endpoint_replaces_a_marked_region(topic, file):
+    """Replace a region whose remover died between the mark and the removal."""
     for side in (PosePublisher, PoseSubscriber, ScanPublisher, ScanSubscriber):
         PosePublisher(topic).close()
         Memory(topic)["retired"] = 1
@@ -170,20 +170,20 @@ def test_who_dies_between_the_mark_and_the_removal(topic, file):
             assert runtime.read_header(runtime.region_name(topic)).retired == 0
 
 
-def test_one_waits_while_another_takes_the_name_away(topic, file):
+def test_opening_waits_while_another_removes_the_file(topic, file):
     PosePublisher(topic).close()
     Memory(topic)["retired"] = 1
-    with file.open("r+b") as held:
-        assert record_locks.lock_byte(held.fileno(), REPAIR_LOCK)
-        threading.Timer(0.2, held.close).start()
+    with file.open("r+b") as stream:
+        assert record_locks.lock_byte(stream.fileno(), REPAIR_LOCK)
+        threading.Timer(0.2, stream.close).start()
         with PosePublisher(topic) as publisher:
-            assert held.closed
+            assert stream.closed
             publisher.publish(pose(1))
 
 
 @pytest.mark.parametrize(("existing", "depth", "cause"), [(PosePublisher, 4, "depth"), (ScanPublisher, 1, "layout")])
-def test_a_subscriber_logs_that_it_replaces_samples(topic, caplog, existing, depth, cause):
-    """The sample is lost with its region, so the log names the topic, the cause and the next step."""
+def test_subscriber_logs_that_it_replaces_samples(topic, caplog, existing, depth, cause):
+    """Log the topic, the cause and the next step, because the sample is lost with its region."""
     with existing(topic) as publisher:
         publisher.publish(pose(1) if existing is PosePublisher else Scan())
     for _ in range(2):
@@ -195,7 +195,7 @@ def test_a_subscriber_logs_that_it_replaces_samples(topic, caplog, existing, dep
     assert ("same depth" in warning) == (cause == "depth")
 
 
-def test_nothing_is_logged_for_a_replaced_region_without_samples(topic, caplog):
+def test_replaced_region_without_samples_logs_nothing(topic, caplog):
     PosePublisher(topic).close()
     PoseSubscriber(topic, depth=4).close()
     PosePublisher(topic, depth=1).close()

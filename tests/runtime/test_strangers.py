@@ -1,4 +1,4 @@
-"""Files in /dev/shm that others made: which are used, which refused with the line that allows them, and traps."""
+"""Files of other users in /dev/shm are used or refused. A refusal names the setting that permits the file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from shmgen.runtime.region import access
 from .messages import PosePublisher, PoseSubscriber, pose
 
 HERE = Path(__file__).parent
-root_only = pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become other users")
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="needs root to become other users")
 
 PASSWD = """\
 root:x:0:0::/:/bin/sh
@@ -82,51 +82,51 @@ for case in json.load(sys.stdin):
     for file in files:
         os.unlink(file)
 """
-TOLD_GROUP = {"group": 2010}
-TOLD_ALL = {"mode": 0o666}
+GROUP_OPTION = {"group": 2010}
+MODE_OPTION = {"mode": 0o666}
 
-# Who makes the files, with which mode and group; who opens them, and what he was told of.
+# Each case lists the creator, mode and group of the files, and the reader with its options.
 USED = {
-    "a PLC's own user, and one of its group": ("codesyscontrol", "0770", "", "robot", {}),
-    "a PLC's own user, and root": ("codesyscontrol", "0750", "", "root", {}),
-    "a PLC's user with a group for both": ("codesyscontrol", "0660", "cell", "robot", {}),
-    "one's own": ("robot", "0600", "", "robot", {}),
-    "one's own, with a group": ("robot", "0660", "cell", "robot", {}),
-    "root's, as a unit makes them": ("root", "0660", "cell", "robot", {}),
-    "a person's, in whose own group one is": ("vision", "0660", "", "robot", {}),
-    "a person's of the group that was named": ("vision", "0660", "cell", "robot", TOLD_GROUP),
-    "a person's of the group that was named, by root": ("vision", "0660", "cell", "root", TOLD_GROUP),
-    "all users, as was said": ("mallory", "0666", "", "robot", TOLD_ALL),
-    "all users, as was said to root": ("mallory", "0666", "", "root", TOLD_ALL),
+    "a PLC's user, and a member of its group": ("codesyscontrol", "0770", "", "robot", {}),
+    "a PLC's user, and root": ("codesyscontrol", "0750", "", "root", {}),
+    "a PLC's user with a common group": ("codesyscontrol", "0660", "cell", "robot", {}),
+    "the reader's own": ("robot", "0600", "", "robot", {}),
+    "the reader's own, with a group": ("robot", "0660", "cell", "robot", {}),
+    "root's, like those of a systemd unit": ("root", "0660", "cell", "robot", {}),
+    "a person's, whose own group the reader is in": ("vision", "0660", "", "robot", {}),
+    "a person's of the configured group": ("vision", "0660", "cell", "robot", GROUP_OPTION),
+    "a person's of the configured group, and root": ("vision", "0660", "cell", "root", GROUP_OPTION),
+    "all users, as configured": ("mallory", "0666", "", "robot", MODE_OPTION),
+    "all users, as configured for root": ("mallory", "0666", "", "root", MODE_OPTION),
 }
 ALL_MAY = (
     "every user of this machine can write it, and is not used\n"
     '  hint: `chmod o-w {}`; if all of them may, mode = "0666"'
 )
 REFUSED = {
-    "what all may write": ("root", "0666", "", "robot", {}, ALL_MAY),
-    "what all may write, by root": ("mallory", "0666", "", "root", {}, ALL_MAY),
-    "what all may write, though the group is right": ("vision", "0662", "cell", "robot", TOLD_GROUP, ALL_MAY),
-    "a stranger's, by root": ("mallory", "0660", "", "root", {}, "it belongs to mallory, a stranger to root"),
-    "a stranger's of a group for everybody": ("mallory", "0660", "users", "robot", {}, 'group = "users" under'),
-    "a person's of a group that was not named": ("vision", "0660", "cell", "robot", {}, 'group = "cell" under'),
-    "a stranger's, though a group was named": ("mallory", "0660", "", "root", TOLD_GROUP, "a stranger to root"),
+    "writable by all": ("root", "0666", "", "robot", {}, ALL_MAY),
+    "writable by all, and root": ("mallory", "0666", "", "root", {}, ALL_MAY),
+    "writable by all, with the configured group": ("vision", "0662", "cell", "robot", GROUP_OPTION, ALL_MAY),
+    "another user's, and root": ("mallory", "0660", "", "root", {}, "it belongs to mallory, a stranger to root"),
+    "another user's of a group of all users": ("mallory", "0660", "users", "robot", {}, 'group = "users" under'),
+    "a person's of a group that is not configured": ("vision", "0660", "cell", "robot", {}, 'group = "cell" under'),
+    "another user's, with a configured group": ("mallory", "0660", "", "root", GROUP_OPTION, "a stranger to root"),
 }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    """What every reader got, in a mount namespace where those users exist."""
+def results(tmp_path_factory):
+    """The result of every reader, in a mount namespace with these users."""
     folder = tmp_path_factory.mktemp("users")
     (folder / "passwd").write_text(PASSWD)
     (folder / "group").write_text(GROUP)
     binds = f"mount --bind {folder}/passwd /etc/passwd && mount --bind {folder}/group /etc/group"
-    own = ["unshare", "-m", "sh", "-c", f'{binds} && exec "$@"', "sh"]
+    namespace = ["unshare", "-m", "sh", "-c", f'{binds} && exec "$@"', "sh"]
     cases = USED | {name: case[:5] for name, case in REFUSED.items()}
-    asked = [dict(zip(("maker", "mode", "group", "reader", "told"), case, strict=True)) for case in cases.values()]
+    inputs = [dict(zip(("maker", "mode", "group", "reader", "told"), case, strict=True)) for case in cases.values()]
     topic = f"/shmgen_test/strangers{os.getpid()}"
-    command = [*own, sys.executable, "-c", SCRIPT, topic]
-    done = subprocess.run(command, cwd=HERE, input=json.dumps(asked), capture_output=True, text=True, check=False)
+    command = [*namespace, sys.executable, "-c", SCRIPT, topic]
+    done = subprocess.run(command, cwd=HERE, input=json.dumps(inputs), capture_output=True, text=True, check=False)
     if done.stderr.startswith(("unshare", "mount", "sh:")):
         pytest.skip("no mount namespaces: root may make them")
     assert done.returncode == 0, done.stderr
@@ -136,31 +136,31 @@ def found(tmp_path_factory):
 
 @root_only
 @pytest.mark.parametrize("case", USED)
-def test_used(found, case):
-    assert found[1][case] == ["3.0", "SHMG"]
+def test_permitted_file_is_used(results, case):
+    assert results[1][case] == ["3.0", "SHMG"]
 
 
 @root_only
 @pytest.mark.parametrize("case", REFUSED)
-def test_refused_with_the_line_that_allows_it(found, case):
-    file, answers = found
-    said, magic = answers[case]
-    assert said.startswith(f"PermissionDenied: {file}: ")
-    assert REFUSED[case][-1].format(file) in said
+def test_refusal_names_the_setting_that_permits_the_file(results, case):
+    file, answers = results
+    error, magic = answers[case]
+    assert error.startswith(f"PermissionDenied: {file}: ")
+    assert REFUSED[case][-1].format(file) in error
     assert magic == "SHMG"
 
 
-def test_a_semaphore_that_all_may_write_is_refused_too(topic, semaphore_file):
+def test_semaphore_writable_by_all_users_is_refused(topic, semaphore_file):
     PosePublisher(topic).close()
     semaphore_file.chmod(0o666)
     with pytest.raises(runtime.PermissionDenied, match=f"{semaphore_file}: every user of this machine can write it"):
         PoseSubscriber(topic)
-    PoseSubscriber(topic, mode=0o660).close()  # which puts it right, since it is this user's
+    PoseSubscriber(topic, mode=0o660).close()  # repairs the mode, because the file belongs to this user
     assert semaphore_file.stat().st_mode & 0o777 == 0o660
 
 
-def test_a_group_that_its_maker_is_about_to_give(topic, file):
-    """Between the making of a file and its chmod a peer waits, as it does before its first byte."""
+def test_opening_waits_until_the_creator_has_set_the_mode(topic, file):
+    """Wait 0.1 s for the chmod() after the creation of a file, as for its first byte. Then refuse the file."""
     PosePublisher(topic).close()
     file.chmod(0o666)
     timer = threading.Timer(0.02, file.chmod, [0o660])
@@ -175,8 +175,8 @@ def test_a_group_that_its_maker_is_about_to_give(topic, file):
 
 
 @pytest.mark.usefixtures("in_python")
-def test_a_group_that_its_maker_may_not_give(topic, file, monkeypatch):
-    def refuse(*of):
+def test_group_that_the_creator_may_not_set_is_an_error(topic, file, monkeypatch):
+    def refuse(*arguments):
         raise PermissionError
 
     monkeypatch.setattr(access.os, "fchown", refuse)
@@ -185,22 +185,22 @@ def test_a_group_that_its_maker_may_not_give(topic, file, monkeypatch):
     assert not file.exists()
 
 
-def test_a_user_and_a_group_without_a_name_are_called_by_their_numbers():
+def test_user_or_group_without_a_name_is_shown_as_a_number():
     assert (access.name_of_user(0), access.name_of_group(0)) == ("root", "root")
     assert (access.name_of_user(54321), access.name_of_group(54321)) == ("54321", "54321")
 
 
 @pytest.mark.parametrize(
-    ("primary", "name", "known"), [(7000, "vision", True), (7000, "users", False), (7001, "vision", False)]
+    ("primary", "name", "is_known"), [(7000, "vision", True), (7000, "users", False), (7001, "vision", False)]
 )
-def test_a_persons_own_group_is_his_first_and_has_his_name(monkeypatch, primary, name, known):
-    """One that many have as their first is nobody's own, nor is one that is only called like its owner."""
+def test_private_group_is_primary_and_has_the_users_name(monkeypatch, primary, name, is_known):
+    """Reject a primary group with another name, and a group with the user's name that is not primary."""
     person = SimpleNamespace(pw_gid=primary, pw_name="vision")
     group = SimpleNamespace(gr_gid=7000, gr_name=name)
     monkeypatch.setattr(access, "pwd", SimpleNamespace(getpwuid=lambda uid: person))
     monkeypatch.setattr(access, "grp", SimpleNamespace(getgrgid=lambda gid: group))
     monkeypatch.setattr(access.os, "getgroups", lambda: [7000])
-    assert access._known(SimpleNamespace(st_uid=54321, st_gid=7000)) is known
+    assert access._known(SimpleNamespace(st_uid=54321, st_gid=7000)) is is_known
 
 
 @pytest.fixture(params=["region", "semaphore"])
@@ -224,7 +224,7 @@ def trap_folder(path, folder):
 
 
 @pytest.mark.parametrize("trap", [trap_fifo, trap_link, trap_folder])
-def test_what_is_no_file_is_an_error_and_stays_as_it_is(topic, place, tmp_path, trap):
+def test_irregular_file_is_refused_and_unchanged(topic, place, tmp_path, trap):
     PosePublisher(topic).close()
     place.unlink()
     trap(place, tmp_path)
@@ -237,7 +237,7 @@ def test_what_is_no_file_is_an_error_and_stays_as_it_is(topic, place, tmp_path, 
     place.rmdir() if trap is trap_folder else place.unlink()
 
 
-def test_reading_a_header_waits_for_no_fifo(topic, file):
+def test_read_header_does_not_block_on_a_fifo(topic, file):
     os.mkfifo(file)
     with pytest.raises(runtime.RegionUnusable, match="is not a regular file"):
         runtime.read_header(runtime.region_name(topic))
@@ -245,8 +245,8 @@ def test_reading_a_header_waits_for_no_fifo(topic, file):
 
 @pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("when", ["found", "made"])
-def test_a_link_put_in_place_of_a_semaphore_meanwhile(topic, semaphore_file, tmp_path, monkeypatch, when):
-    """Mode and group are given to what was opened; a link that came since is not followed, nor is it used."""
+def test_symlink_that_replaces_a_semaphore_is_not_followed(topic, semaphore_file, tmp_path, monkeypatch, when):
+    """Set mode and group only on the opened file. Do not use a symlink that has replaced the file since then."""
     victim = tmp_path / "secret"
     victim.write_bytes(b"mine")
     victim.chmod(0o600)
@@ -258,25 +258,25 @@ def test_a_link_put_in_place_of_a_semaphore_meanwhile(topic, semaphore_file, tmp
             semaphore_file.symlink_to(victim)
         swaps.append(1)
 
-    def opening(*arguments):
-        opened = found(*arguments)
+    def open_and_swap(*arguments):
+        semaphore = open_semaphore(*arguments)
         swap()
-        return opened
+        return semaphore
 
-    class Making:
+    class SwappingSemaphore:
         def __init__(self, *arguments, **keywords):
-            self.made = real(*arguments, **keywords)
+            self.semaphore = create(*arguments, **keywords)
 
         def close(self):
-            self.made.close()
+            self.semaphore.close()
             swap()
 
-    real, found = regions.posix_ipc.Semaphore, regions.Semaphore
+    create, open_semaphore = regions.posix_ipc.Semaphore, regions.Semaphore
     if when == "found":
         PosePublisher(topic).close()
-        monkeypatch.setattr(regions, "Semaphore", opening)
+        monkeypatch.setattr(regions, "Semaphore", open_and_swap)
     else:
-        monkeypatch.setattr(regions.posix_ipc, "Semaphore", Making)
+        monkeypatch.setattr(regions.posix_ipc, "Semaphore", SwappingSemaphore)
     with pytest.raises(runtime.RegionUnusable, match=f"{semaphore_file} cannot be opened: "):
         PosePublisher(topic, mode=0o666).publish(pose(1.0))
     assert swaps

@@ -1,4 +1,4 @@
-"""Calls of one end in two threads: no call unmaps the memory in which another thread waits."""
+"""Two threads call one publisher or subscriber. No call unmaps the memory in which the other thread waits."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ PROGRAM = """
 @pytest.mark.parametrize(
     ("word", "value", "error"), [(h.RETIRED, 1, "RegionRetired"), (h.WRITER, 0xFFFFFFFF, "ClaimLost")]
 )
-def test_heartbeat_leaves_the_memory_to_a_thread_that_waits_for_the_lock(topic, word, value, error):
+def test_heartbeat_keeps_memory_mapped_for_a_waiting_thread(topic, word, value, error):
     semaphore = f"/{runtime.region_name(topic)}"
     program = PROGRAM.format(topic=topic, semaphore=semaphore, word=word, value=value)
     done = subprocess.run(
@@ -73,23 +73,23 @@ def test_heartbeat_leaves_the_memory_to_a_thread_that_waits_for_the_lock(topic, 
 
 @pytest.mark.timeout(60)
 @pytest.mark.usefixtures("each_engine")
-def test_a_busy_loop_lets_the_calls_of_another_thread_in(topic: str) -> None:
-    ended = threading.Event()
+def test_busy_loop_does_not_starve_calls_of_another_thread(topic: str) -> None:
+    stop = threading.Event()
 
     def loop() -> None:
-        while not ended.is_set():
+        while not stop.is_set():
             publisher.publish(pose(1))
 
     with PosePublisher(topic) as publisher:
-        publishing = threading.Thread(target=loop, daemon=True)
-        publishing.start()
+        thread = threading.Thread(target=loop, daemon=True)
+        thread.start()
         for _ in range(20):
             publisher.heartbeat()
-        ended.set()
-        publishing.join()
+        stop.set()
+        thread.join()
 
 
-def matrix(*arguments: object, environment: dict[str, str]) -> None:
+def run_matrix(*arguments: object, environment: dict[str, str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", thread_matrix.__name__, *map(str, arguments)],
         cwd=REPOSITORY, env=environment, capture_output=True, text=True, timeout=900, check=False,
@@ -101,15 +101,15 @@ def matrix(*arguments: object, environment: dict[str, str]) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.skipif(not engine.IN_C, reason=WHY_NOT)
-def test_each_pair_of_calls_under_the_sanitizers(tmp_path: Path, topic: str) -> None:
-    matrix(topic, tmp_path, environment=sanitizers.environment(tmp_path))
+def test_pairs_of_calls_pass_under_the_sanitizers(tmp_path: Path, topic: str) -> None:
+    run_matrix(topic, tmp_path, environment=sanitizers.environment(tmp_path))
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.skipif(machine.NAME in os.environ, reason="the name of the machine changes nothing between threads")
-def test_each_pair_of_calls_of_the_reference(topic: str) -> None:
-    matrix(topic, environment={"SHMGEN_PURE": "1"})
+def test_pairs_of_calls_pass_in_the_reference(topic: str) -> None:
+    run_matrix(topic, environment={"SHMGEN_PURE": "1"})
 
 
 SLEEPER = """
@@ -148,7 +148,7 @@ SLEEPER = """
 
 @pytest.mark.skipif(not engine.IN_C, reason="the reference sleeps outside of its region")
 def test_close_waits_until_no_thread_sleeps_on_the_region(topic):
-    """Behind close() the memory is unmapped: a thread that sleeps on it would look at it when it wakes."""
+    """Wait before close() unmaps the memory, because a sleeping thread reads the memory when it wakes."""
     program = textwrap.dedent(SLEEPER.format(topic=topic))
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")

@@ -1,4 +1,4 @@
-"""What `overflow = "truncate"` cuts, and that the publisher counts each text it has cut."""
+"""With `overflow = "truncate"`, long texts are truncated, and the publisher counts the truncated texts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..support.build import module, put
 from ..targets.test_python import DEFINITIONS, joint, robot
 
 
-def generated(folder: Path, package: str, options: TypeOptions) -> ModuleType:
+def generate_module(folder: Path, package: str, options: TypeOptions) -> ModuleType:
     put({f"msgs/demo_msgs/msg/{name}.msg": text for name, text in DEFINITIONS.items()}, folder)
     put({"msgs/demo_msgs/msg/Count.msg": "uint8 data\n"}, folder)
     config = Config(folder, path=(folder / "msgs",), package=package, targets=("python",), types=options)
@@ -27,7 +27,7 @@ def generated(folder: Path, package: str, options: TypeOptions) -> ModuleType:
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
-    return generated(tmp_path_factory.mktemp("cut"), "shm_cut", TypeOptions(overflow="truncate"))
+    return generate_module(tmp_path_factory.mktemp("cut"), "shm_cut", TypeOptions(overflow="truncate"))
 
 
 CHANGES: dict[str, tuple[dict[str, Any], int]] = {
@@ -45,38 +45,38 @@ CHANGES: dict[str, tuple[dict[str, Any], int]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_what_is_cut_is_counted(change: str, demo: ModuleType, topic: str) -> None:
-    changed, count = CHANGES[change]
+def test_truncated_texts_are_counted(change: str, demo: ModuleType, topic: str) -> None:
+    fields, count = CHANGES[change]
     with demo.RobotPublisher(topic) as publisher, demo.RobotSubscriber(topic) as subscriber:
-        publisher.publish(robot(**changed))
+        publisher.publish(robot(**fields))
         assert publisher.truncations == count
         foreign = subscriber.read()
-        publisher.publish(own(demo, robot(**changed)))
-        assert publisher.truncations == count, "it was cut when it was assigned, for its owner to see"
+        publisher.publish(as_generated(demo, robot(**fields)))
+        assert publisher.truncations == count, "the text was truncated when it was assigned"
         assert subscriber.read() == foreign
-        publisher.publish(robot(**changed))
+        publisher.publish(robot(**fields))
         assert publisher.truncations == 2 * count
 
 
-def own(demo: ModuleType, message: Any) -> Any:
-    """The same as generated classes, by assignment."""
+def as_generated(demo: ModuleType, message: Any) -> Any:
+    """Copy the message into an object of the generated class, by assignment."""
     kinds = {"arm": demo.Joint, "joints": demo.Joint, "wheels": demo.Joint}
-    made = demo.Robot()
+    copy = demo.Robot()
     for name, value in vars(message).items():
         if name in kinds:
-            value = [kinds[name](**vars(it)) for it in value] if isinstance(value, list) else kinds[name](**vars(value))
-        setattr(made, name, value)
-    return made
+            value = [kinds[name](**vars(x)) for x in value] if isinstance(value, list) else kinds[name](**vars(value))
+        setattr(copy, name, value)
+    return copy
 
 
-def test_the_cut_is_before_a_code_point(demo: ModuleType) -> None:
+def test_truncation_keeps_whole_code_points(demo: ModuleType) -> None:
     assert demo.Robot(label="grüngrüngrün").label == "grüngrün"
     assert demo.Robot(sign="123\N{GRINNING FACE}").sign == "123"
     assert demo.Robot(label="a" * 9 + "é").label == "a" * 9
 
 
-def test_nothing_is_cut_unless_it_is_asked_for(tmp_path: Path, topic: str) -> None:
-    strict = generated(tmp_path, "shm_strict", TypeOptions())
+def test_long_text_is_rejected_by_default(tmp_path: Path, topic: str) -> None:
+    strict = generate_module(tmp_path, "shm_strict", TypeOptions())
     with strict.RobotPublisher(topic) as publisher:
         with pytest.raises(StringTooLong):
             publisher.publish(robot(label="0123456789a"))

@@ -1,4 +1,4 @@
-"""What cannot be used is told as such, before it is used; and a semaphore that somebody has spoiled."""
+"""Unusable files and systems are reported before their use, and damaged semaphores stop no endpoint."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ in_python = pytest.mark.usefixtures("in_python")
     [b"", b"\0" * 5, b"\xff" * checks._OURS, b"\1" * checks._OURS, b"\0" * 4096],
     ids=["empty", "short", "ones", "garbage", "long"],
 )
-def test_a_file_that_is_no_semaphore(topic, semaphore_file, data):
-    """In a process of its own: the C library would end it."""
+def test_file_that_is_no_semaphore_is_refused(topic, semaphore_file, data):
+    """Use a child process, because the C library would end a process that uses the file."""
     PosePublisher(topic).close()
     semaphore_file.write_bytes(data)
     code = f"from messages import *; PosePublisher({topic!r}).publish(pose(1))"
-    where = os.path.dirname(__file__)
+    folder = os.path.dirname(__file__)
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=where, capture_output=True, text=True, timeout=60 * machine.slower
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=60 * machine.slower
     )
     assert done.returncode == 1, done.returncode
     assert f"RegionUnusable: {semaphore_file} is not a semaphore" in done.stderr
 
 
-def test_a_semaphore_of_the_other_bitness(topic, semaphore_file):
-    """glibc's sem_t has 16 bytes in programs of 32 bits, and 32 in those of 64."""
+def test_semaphore_of_another_word_size_is_refused(topic, semaphore_file):
+    """Compare sizes: glibc's sem_t has 16 bytes in 32-bit programs and 32 bytes in 64-bit programs."""
     PosePublisher(topic).close()
     data = semaphore_file.read_bytes()
     semaphore_file.write_bytes(data[:16] if len(data) == 32 else data + bytes(16))
@@ -62,8 +62,8 @@ def test_a_semaphore_of_the_other_bitness(topic, semaphore_file):
 
 @pytest.mark.parametrize("error", [OSError(22, "Invalid argument"), ValueError("unrecognized configuration name")])
 @in_python
-def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, error):
-    """As confstr() answers in musl, where /dev/shm/NAME would be the region and the semaphore at a time."""
+def test_other_c_library_than_glibc_is_refused(topic, file, semaphore_file, monkeypatch, error):
+    """Pretend confstr() of musl, where /dev/shm/NAME would be both the region and the semaphore."""
 
     def confstr(name):
         raise error
@@ -77,8 +77,8 @@ def test_another_c_library_than_glibc(topic, file, semaphore_file, monkeypatch, 
     type("LocklessSubscriber", (runtime.Subscriber,), {"message_type": kind})(topic).close()
 
 
-def test_another_python_than_cpython(tmp_path):
-    """One sentence, from the runtime and from generated code alike."""
+def test_other_python_than_cpython_is_refused(tmp_path):
+    """Report one sentence, both from the runtime and from generated code."""
     put({path: text for path, text in committed_texts().items() if path.startswith("python/")}, tmp_path)
     code = "import sys; sys.implementation.name = 'pypy'; import "
     for module in ("shmgen.runtime", "shm_msgs"):
@@ -91,14 +91,14 @@ def test_another_python_than_cpython(tmp_path):
         )
 
 
-def test_no_descriptors_left(topic):
+def test_lack_of_file_descriptors_is_reported(topic):
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (256, limits[1]))
-    taken = []
+    descriptors = []
     try:
         with suppress(OSError):
             while True:
-                taken.append(os.open("/dev/null", os.O_RDONLY))
+                descriptors.append(os.open("/dev/null", os.O_RDONLY))
         spare = 0
         while spare < 20:
             try:
@@ -106,19 +106,19 @@ def test_no_descriptors_left(topic):
                 break
             except runtime.RegionUnusable as error:
                 text = str(error)
-            os.close(taken.pop())
+            os.close(descriptors.pop())
             spare += 1
     finally:
-        for descriptor in taken:
+        for descriptor in descriptors:
             os.close(descriptor)
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     assert 1 < spare < 20, text
-    assert "Too many open files" in text or "maximum number of files open" in text  # as posix_ipc has it
+    assert "Too many open files" in text or "maximum number of files open" in text  # the latter from posix_ipc
 
 
 @in_python
-def test_an_open_that_failed_holds_nothing(topic, monkeypatch):
-    """Whoever keeps the error keeps all that was on its way; Python 3.13 on riscv64 did."""
+def test_failed_opening_keeps_no_descriptor_open(topic, monkeypatch):
+    """Close the descriptors although the error still exists, whose traceback references the local variables."""
 
     def refuse(*_):
         raise runtime.RegionUnusable("for once")
@@ -126,16 +126,16 @@ def test_an_open_that_failed_holds_nothing(topic, monkeypatch):
     PosePublisher(topic).close()
     monkeypatch.setattr(opening, "open_semaphore", refuse)
     before = os.listdir("/proc/self/fd")
-    with pytest.raises(runtime.RegionUnusable, match="for once") as kept:
+    with pytest.raises(runtime.RegionUnusable, match="for once") as caught:
         PosePublisher(topic)
-    assert len(os.listdir("/proc/self/fd")) == len(before), kept.traceback
+    assert len(os.listdir("/proc/self/fd")) == len(before), caught.traceback
 
 
 @in_python
 @pytest.mark.parametrize(
     ("error", "text"), [(errno.ENOSPC, "no room for 4096 bytes"), (errno.EIO, "Input/output error")]
 )
-def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, text):
+def test_failed_opening_leaves_no_file(topic, file, monkeypatch, error, text):
     def refuse(*_):
         raise OSError(error, os.strerror(error))
 
@@ -149,25 +149,25 @@ def test_an_open_that_failed_leaves_no_file(topic, file, monkeypatch, error, tex
 
 @in_python
 @pytest.mark.parametrize("place", [names.region_file, names.semaphore_file])
-def test_what_vanishes_again_and_again_is_given_up(topic, monkeypatch, place):
-    """Somebody removes the semaphore, or the region, at each try between its opening and the last look."""
-    leads = checks.leads_to
-    tries = []
+def test_opening_gives_up_on_a_file_that_keeps_vanishing(topic, monkeypatch, place):
+    """Pretend that another process removes the file at each attempt, between the opening and the last check."""
+    leads_to = checks.leads_to
+    attempts = []
 
-    def vanished(path, file):
+    def pretend_removal(path, file):
         if path == place(runtime.region_name(topic)):
-            tries.append(path)
+            attempts.append(path)
             return False
-        return leads(path, file)
+        return leads_to(path, file)
 
-    monkeypatch.setattr(checks, "leads_to", vanished)
+    monkeypatch.setattr(checks, "leads_to", pretend_removal)
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
         PosePublisher(topic)
-    assert len(tries) >= 10 - 1
+    assert len(attempts) >= 10 - 1
 
 
 @in_python
-def test_what_is_there_only_for_who_makes_it_is_given_up(topic, monkeypatch):
+def test_opening_gives_up_if_a_file_both_exists_and_is_missing(topic, monkeypatch):
     monkeypatch.setattr(opening, "opened", Mock(side_effect=FileNotFoundError))
     monkeypatch.setattr(os, "open", Mock(side_effect=FileExistsError))
     with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
@@ -176,9 +176,9 @@ def test_what_is_there_only_for_who_makes_it_is_given_up(topic, monkeypatch):
 
 @in_python
 @pytest.mark.parametrize("error", [posix_ipc.ExistentialError, posix_ipc.PermissionsError])
-def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypatch, error):
-    opened = opening.Semaphore
-    tries = Mock(side_effect=[error, opened])
+def test_semaphore_changed_before_opening_is_retried_or_refused(topic, monkeypatch, error):
+    open_semaphore = opening.Semaphore
+    tries = Mock(side_effect=[error, open_semaphore])
     monkeypatch.setattr(opening, "Semaphore", lambda *arguments: tries()(*arguments))
     if error is posix_ipc.PermissionsError:
         with pytest.raises(runtime.PermissionDenied, match=r"join (the|its) group|do not join root"):
@@ -189,33 +189,33 @@ def test_a_semaphore_that_changes_between_a_look_and_its_opening(topic, monkeypa
 
 
 @in_python
-def test_a_region_whose_maker_gave_up_is_opened_anew(topic, file, monkeypatch):
-    """Removed by who made it, between another's opening and his last look."""
+def test_region_removed_by_its_creator_is_recreated(topic, file, monkeypatch):
+    """Recreate a region that its creator removed between this opening and the last check."""
     complete = opening._complete_header
-    seen = []
+    calls = []
 
-    def removed(*arguments):
+    def complete_and_remove(*arguments):
         yield from complete(*arguments)
-        if not seen:
+        if not calls:
             file.unlink()
-        seen.append(1)
+        calls.append(1)
 
-    monkeypatch.setattr(opening, "_complete_header", removed)
+    monkeypatch.setattr(opening, "_complete_header", complete_and_remove)
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1))
-    assert len(seen) == 2
+    assert len(calls) == 2
     assert runtime.read_header(runtime.region_name(topic)).newest == 1
 
 
 @pytest.mark.parametrize("recoveries", [0, 1])
-@pytest.mark.parametrize("most", [3, 1000, MANY])
-def test_posts_too_many_stop_nobody(topic, most, recoveries):
-    """`most` at once cannot be posted in a test: the value is written into the semaphore's own file."""
+@pytest.mark.parametrize("value", [3, 1000, MANY])
+def test_surplus_posts_stop_no_endpoint(topic, value, recoveries):
+    """Write the value into the file of the semaphore, because a test cannot post so often."""
     guard = within(5 * machine.slower)
     with guard, PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         region_of(publisher).words[h.RECOVERIES] = recoveries
         with open(f"/dev/shm/sem.{region_of(publisher).name}", "r+b") as file:
-            file.write((most if sys.maxsize > 2**32 else most << 1).to_bytes(4, "little"))  # as glibc has it
+            file.write((value if sys.maxsize > 2**32 else value << 1).to_bytes(4, "little"))  # the format of glibc
         semaphore = posix_ipc.Semaphore("/" + region_of(publisher).name)
         longest = 0.0
         for number in range(1, 30):
@@ -224,15 +224,15 @@ def test_posts_too_many_stop_nobody(topic, most, recoveries):
             assert subscriber.read().position.x == number
             longest = max(longest, time.process_time() - before)
         assert longest < 0.5 * machine.slower
-        # On x86 the reader in C leaves the lock alone.
-        takes = 29 if engine.IN_C and machine.keeps_order() else 58
-        assert semaphore.value == max(1, most - takes * 65)
+        # On x86 the reader in C does not take the lock.
+        acquisitions = 29 if engine.IN_C and machine.keeps_order() else 58
+        assert semaphore.value == max(1, value - acquisitions * 65)
         semaphore.close()
         assert (publisher.lock_misses, subscriber.lock_misses) == (0, 0)
 
 
 @pytest.mark.skipif(not engine.IN_C, reason="the reference has no event")
-def test_an_event_that_is_full_stops_nobody(topic):
+def test_full_event_stops_no_endpoint(topic):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         assert subscriber.wait(0) is None
         with open(f"/dev/shm/sem.{region_of(publisher).name}-event", "r+b") as file:
@@ -259,10 +259,10 @@ except runtime.RegionUnusable as error:
 """
 
 
-@pytest.mark.skipif(machine.EMULATED or os.uname().machine != "x86_64", reason="a number of x86-64, and seccomp")
+@pytest.mark.skipif(machine.EMULATED or os.uname().machine != "x86_64", reason="needs seccomp, and calls of x86-64")
 @pytest.mark.parametrize("pure", ["", "1"], ids=["C", "Python"])
 @pytest.mark.parametrize("number", [errno.EPERM, errno.ENOSYS])
-def test_a_sandbox_that_refuses_fallocate_is_named(topic, file, number, pure):
+def test_sandbox_that_refuses_fallocate_is_reported(topic, file, number, pure):
     done = subprocess.run(
         [sys.executable, "-c", REFUSED, topic, str(number)],
         cwd=REPOSITORY, env=os.environ | {"SHMGEN_PURE": pure}, capture_output=True, text=True, check=True,

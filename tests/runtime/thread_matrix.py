@@ -1,4 +1,4 @@
-"""Every pair of public calls of a publisher and of a subscriber, in two threads, while the end loses its region.
+"""Run each pair of public calls of a publisher or a subscriber in two threads, while the endpoint loses its region.
 
 python -m tests.runtime.thread_matrix TOPIC [FOLDER WITH THE EXTENSION]
 """
@@ -33,7 +33,7 @@ PAUSE = 0.002
 PLC = 0xFFFFFFFF
 
 
-def lend(end: Any) -> None:
+def borrow(end: Any) -> None:
     with end.borrow() as message:
         assert message is None or message.position.x >= 0
 
@@ -46,7 +46,7 @@ def fill(end: Any) -> None:
 ARGUMENTS: dict[str, Call] = {
     "publish": lambda end: end.publish(pose(1)),
     "loan": fill,
-    "borrow": lend,
+    "borrow": borrow,
     "read_into": lambda end: end.read_into(pose(0)),
     "is_stale": lambda end: end.is_stale(0),
     "ready": lambda end: end.ready(PAUSE),
@@ -54,62 +54,62 @@ ARGUMENTS: dict[str, Call] = {
     "wait_async": lambda end: asyncio.run(end.wait_async(PAUSE)),
     "ready_async": lambda end: asyncio.run(end.ready_async(PAUSE)),
 }
-"""How a call is made that takes arguments, or returns what must be used; all others are made or read as they stand."""
+"""The calls that need arguments, or whose result must be used. All other calls are made without arguments."""
 
 
-def calls_of(kind: type) -> dict[str, Call]:
-    """The public calls and properties of a class."""
+def find_calls(kind: type) -> dict[str, Call]:
+    """Return the public calls and properties of a class."""
 
-    def plain(name: str) -> Call:
+    def make_call(name: str) -> Call:
         if isinstance(getattr(kind, name), property):
             return lambda end: getattr(end, name)
         return lambda end: getattr(end, name)()
 
     names = [name for name in dir(kind) if not name.startswith("_") and name != "message_type"]
-    return {name: ARGUMENTS.get(name) or plain(name) for name in names}
+    return {name: ARGUMENTS.get(name) or make_call(name) for name in names}
 
 
-def removed(topic: str, end: Any) -> None:
-    """As another end does that finds the file removed."""
+def remove(topic: str, end: Any) -> None:
+    """Remove the file and mark the region, as another endpoint does that finds the file removed."""
     words = region_of(topic).words
     (Path("/dev/shm") / region_name(topic)).unlink()
     words[h.RETIRED] = 1
 
 
-def claimed(topic: str, end: Any) -> None:
+def claim(topic: str, end: Any) -> None:
     region_of(topic).words[h.WRITER] = PLC
 
 
-def closed(topic: str, end: Any) -> None:
+def close(topic: str, end: Any) -> None:
     end.close()
 
 
-EVENTS = (removed, claimed, closed)
+EVENTS = (remove, claim, close)
 ROUNDS = {PosePublisher: 5 if engine.IN_C else 1, PoseSubscriber: 1}
-"""How often each event is tried: memory that a publisher in C unmaps is often mapped again at once, which hides it."""
+"""Attempts per event. Memory that a publisher in C unmaps is often mapped again at once, which hides the fault."""
 
 
-def repeat(call: Call, end: Any, stop: threading.Event, failed: list[BaseException]) -> None:
+def repeat(call: Call, end: Any, stop: threading.Event, errors: list[BaseException]) -> None:
     while not stop.is_set():
         try:
             call(end)
         except runtime.ShmError:
             time.sleep(0)
         except BaseException as error:
-            failed.append(error)
+            errors.append(error)
             return
 
 
 def run(kind: type, pair: tuple[Call, Call], event: Callable[[str, Any], None], topic: str) -> list[BaseException]:
-    """Hold the lock when the event comes, so that a publisher waits for it in the region's memory.
+    """Hold the lock during the event, so that a publisher waits for the lock in the region's memory.
 
-    A subscriber sleeps on the event of a PLC, which it touches after it wakes as well.
+    A subscriber sleeps on the semaphore of a PLC, and accesses that memory again after the wake-up.
     """
-    failed: list[BaseException] = []
+    errors: list[BaseException] = []
     stop = threading.Event()
     with (PosePublisher if kind is PoseSubscriber else PoseSubscriber)(topic) as other:
         end = kind(topic, lock_timeout=0.05 if kind is PosePublisher else 0.0)
-        threads = [threading.Thread(target=repeat, args=(call, end, stop, failed)) for call in pair]
+        threads = [threading.Thread(target=repeat, args=(call, end, stop, errors)) for call in pair]
         if kind is PoseSubscriber:
             other.publish(pose(2))
             region_of(topic).words[h.WRITER] = PLC
@@ -128,12 +128,12 @@ def run(kind: type, pair: tuple[Call, Call], event: Callable[[str, Any], None], 
         end.close()
     for file in Path("/dev/shm").glob(f"*{region_name(topic)}*"):
         file.unlink()
-    return failed
+    return errors
 
 
 def pairs() -> Iterator[tuple[type, tuple[str, str]]]:
     for kind in (PosePublisher, PoseSubscriber):
-        for pair in itertools.combinations_with_replacement(calls_of(kind), 2):
+        for pair in itertools.combinations_with_replacement(find_calls(kind), 2):
             yield kind, pair
 
 
@@ -142,12 +142,12 @@ def main() -> None:
     assert len(sys.argv) == 2 or engine.engine.__file__.startswith(sys.argv[2])
     count = 0
     for number, (kind, names) in enumerate(pairs()):
-        calls = calls_of(kind)
-        for turn, event in itertools.product(range(ROUNDS[kind]), EVENTS):
-            name = f"{topic}/n{number}_{event.__name__}{turn}"
+        calls = find_calls(kind)
+        for attempt, event in itertools.product(range(ROUNDS[kind]), EVENTS):
+            name = f"{topic}/n{number}_{event.__name__}{attempt}"
             print(kind.__name__, *names, event.__name__, file=sys.stderr)
-            failed = run(kind, (calls[names[0]], calls[names[1]]), event, name)
-            assert not failed, (kind.__name__, names, event.__name__, failed)
+            errors = run(kind, (calls[names[0]], calls[names[1]]), event, name)
+            assert not errors, (kind.__name__, names, event.__name__, errors)
         count += 1
     print(count)
 
