@@ -1,4 +1,4 @@
-"""What shmgen.toml says to the bridge: each key, what it takes, and where a mistake is pointed at."""
+"""Each key of shmgen.toml for the bridge accepts its values, and each error names its line."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pytest
 
 from shmgen.config.bridging import Bridge, TransferOptions
 
-from .test_file import load, refusal
+from .test_file import load, load_errors
 
 TO_PLC = "[[topics]]\ntopic = '/a'\ntype = 'a/B'\n"
 FROM_PLC = TO_PLC + "direction = 'from_plc'\n"
 
 
-def test_all_of_it_may_be_left_out(tmp_path: Path) -> None:
+def test_keys_of_the_bridge_are_optional(tmp_path: Path) -> None:
     loaded = load(tmp_path, TO_PLC)
     assert loaded.bridge == Bridge(backend="auto", node="shmgen_bridge", diagnostics=1.0, domain=None)
     assert loaded.topics[0].carried == TransferOptions(
@@ -24,7 +24,7 @@ def test_all_of_it_may_be_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "meant"),
+    ("text", "expected"),
     [
         ("backend = 'dds'", Bridge(backend="dds")),
         ("node = 'cell_4'", Bridge(node="cell_4")),
@@ -34,12 +34,12 @@ def test_all_of_it_may_be_left_out(tmp_path: Path) -> None:
         ("domain = 232", Bridge(domain=232)),
     ],
 )
-def test_each_key_of_the_bridge(tmp_path: Path, text: str, meant: Bridge) -> None:
-    assert load(tmp_path, f"[bridge]\n{text}").bridge == meant
+def test_keys_of_the_bridge_are_loaded(tmp_path: Path, text: str, expected: Bridge) -> None:
+    assert load(tmp_path, f"[bridge]\n{text}").bridge == expected
 
 
 @pytest.mark.parametrize(
-    ("text", "meant"),
+    ("text", "expected"),
     [
         (TO_PLC + "rate = 10", TransferOptions(rate=10.0)),
         (TO_PLC + "qos = 'best_effort'", TransferOptions(qos="best_effort")),
@@ -50,12 +50,12 @@ def test_each_key_of_the_bridge(tmp_path: Path, text: str, meant: Bridge) -> Non
         (FROM_PLC + "stamp = 'keep'", TransferOptions(stamp="keep")),
     ],
 )
-def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: TransferOptions) -> None:
-    assert load(tmp_path, text).topics[0].carried == meant
+def test_keys_of_a_topic_are_loaded(tmp_path: Path, text: str, expected: TransferOptions) -> None:
+    assert load(tmp_path, text).topics[0].carried == expected
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "line", "says"),
+    ("text", "code", "line", "phrase"),
     [
         ("bridge = 3", "SHM502", 1, "write [bridge]"),
         ("[bridge]\nbackend = 'ros'", "SHM502", 2, "auto, ros2, dds, zenoh, ros1"),
@@ -80,14 +80,14 @@ def test_each_key_of_a_topic(tmp_path: Path, text: str, meant: TransferOptions) 
         (FROM_PLC + "latched = true", "SHM501", 5, "did you mean latch?"),
     ],
 )
-def test_each_mistake_has_its_line(tmp_path: Path, text: str, code: str, line: int, says: str) -> None:
-    (found,) = refusal(tmp_path, text)
-    assert (found.code, found.span.line) == (code, line), str(found)
-    assert says in found.message + found.hint
+def test_errors_name_code_line_and_hint(tmp_path: Path, text: str, code: str, line: int, phrase: str) -> None:
+    (error,) = load_errors(tmp_path, text)
+    assert (error.code, error.span.line) == (code, line), str(error)
+    assert phrase in error.message + error.hint
 
 
-def test_what_the_bridge_does_changes_no_byte(tmp_path: Path) -> None:
-    """So none of it is in layout.lock, and a new `rate` asks nobody to rebuild the PLC's program."""
+def test_options_of_the_bridge_change_no_generated_file(tmp_path: Path) -> None:
+    """Keep these options out of layout.lock, so that a new `rate` requires no new PLC program."""
     from shmgen.generator import pipeline
 
     plain = TO_PLC.replace("a/B", "std_msgs/Bool")

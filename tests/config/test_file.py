@@ -1,4 +1,4 @@
-"""shmgen.toml and [tool.shmgen]: each key, what it takes, and where a mistake is pointed at."""
+"""Each key of shmgen.toml and [tool.shmgen] accepts its values, and each error names its place."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def load(folder: Path, text: str | bytes, name: str = "shmgen.toml") -> Config:
     return config.load(folder / name, name, Report())
 
 
-def refusal(folder: Path, text: str | bytes, name: str = "shmgen.toml") -> tuple[Diagnostic, ...]:
+def load_errors(folder: Path, text: str | bytes, name: str = "shmgen.toml") -> tuple[Diagnostic, ...]:
     with pytest.raises(Rejected) as caught:
         load(folder, text, name)
     return caught.value.diagnostics
 
 
-def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
+def test_empty_file_is_the_default_configuration(tmp_path: Path) -> None:
     assert load(tmp_path, "") == Config(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("text", "changed"),
+    ("text", "changes"),
     [
         ('messages = ["std_msgs/Bool", "std_msgs"]', {"messages": ("std_msgs/Bool", "std_msgs")}),
         ('source = "noetic"', {"source": "noetic"}),
@@ -49,12 +49,12 @@ def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
         ('[strings]\noverflow = "truncate"', {"types": TypeOptions(overflow="truncate")}),
     ],
 )
-def test_each_key(tmp_path: Path, text: str, changed: dict[str, Any]) -> None:
+def test_keys_are_loaded(tmp_path: Path, text: str, changes: dict[str, Any]) -> None:
     loaded = load(tmp_path, text)
-    assert dataclasses.replace(loaded, places={}) == dataclasses.replace(Config(tmp_path), **changed)
+    assert dataclasses.replace(loaded, places={}) == dataclasses.replace(Config(tmp_path), **changes)
 
 
-def test_bounds_remember_their_lines(tmp_path: Path) -> None:
+def test_bounds_keep_their_lines(tmp_path: Path) -> None:
     lines = [
         "[strings]",
         "default = 40",
@@ -78,7 +78,7 @@ def test_bounds_remember_their_lines(tmp_path: Path) -> None:
     }
 
 
-def test_topics(tmp_path: Path) -> None:
+def test_topics_are_loaded(tmp_path: Path) -> None:
     text = '[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n[[topics]]\n'
     text += 'topic = "/b"\ntype = "std_msgs/Int8"\ndirection = "from_plc"\ndepth = 4\n'
     assert load(tmp_path, text).topics == (
@@ -87,7 +87,7 @@ def test_topics(tmp_path: Path) -> None:
     )
 
 
-def test_services_and_actions(tmp_path: Path) -> None:
+def test_services_and_actions_are_loaded(tmp_path: Path) -> None:
     text = '[[services]]\nservice = "/a"\ntype = "std_srvs/SetBool"\n[[actions]]\naction = "/b"\ntype = "arm/Move"\n'
     text += '[[services]]\nservice = "/c"\ntype = "std_srvs/Trigger"\nserver = "ros"\ntimeout = 3\n'
     loaded = load(tmp_path, text)
@@ -99,19 +99,19 @@ def test_services_and_actions(tmp_path: Path) -> None:
     assert loaded.types_used == ("std_srvs/SetBool", "std_srvs/Trigger", "arm/Move")
 
 
-def test_paths_start_at_the_folder_of_the_file(tmp_path: Path) -> None:
+def test_paths_are_relative_to_the_folder_of_the_file(tmp_path: Path) -> None:
     loaded = load(tmp_path, 'path = ["msgs", "/opt/msgs"]\nmessages = ["msgs/Robot.msg", "a/B"]')
     assert loaded.path == (tmp_path / "msgs", Path("/opt/msgs"))
     assert loaded.messages == (str(tmp_path / "msgs" / "Robot.msg"), "a/B")
 
 
-def test_regions(tmp_path: Path) -> None:
+def test_options_of_regions_are_loaded(tmp_path: Path) -> None:
     assert load(tmp_path, "").regions == Regions(None, "", "lock")
-    said = '[regions]\nmode = "0666"\ngroup = "plc"\nsync = "sequence"\n'
-    assert load(tmp_path, said).regions == Regions(0o666, "plc", "sequence")
+    text = '[regions]\nmode = "0666"\ngroup = "plc"\nsync = "sequence"\n'
+    assert load(tmp_path, text).regions == Regions(0o666, "plc", "sequence")
 
 
-def test_requests_remember_their_places(tmp_path: Path) -> None:
+def test_requests_keep_their_places(tmp_path: Path) -> None:
     text = 'messages = [\n    "a/B",\n]\n[[topics]]\ntopic = "/t"\ntype = "a/C"\n'
     assert load(tmp_path, text).places == {
         "a/B": Span("shmgen.toml", 2, 6, 3, '    "a/B",'),
@@ -120,7 +120,7 @@ def test_requests_remember_their_places(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "line", "column", "width", "says"),
+    ("text", "code", "line", "column", "width", "phrase"),
     [
         ('sauce = "jazzy"', "SHM501", 1, 1, 5, "unknown key sauce"),
         ('\n  source = "jazy"', "SHM502", 2, 3, 6, "did you mean jazzy?"),
@@ -183,42 +183,42 @@ def test_requests_remember_their_places(tmp_path: Path) -> None:
         (b"# \xc3\xa4\nmessages = ['\xff']", "SHM002", 2, 14, 0, "0xFF"),
     ],
 )
-def test_each_mistake_has_its_place(
-    tmp_path: Path, text: str | bytes, code: str, line: int, column: int, width: int, says: str
+def test_errors_name_code_place_and_hint(
+    tmp_path: Path, text: str | bytes, code: str, line: int, column: int, width: int, phrase: str
 ) -> None:
-    (found,) = refusal(tmp_path, text)
-    span = found.span
-    assert (found.code, span.path, span.line, span.column, span.width) == (
+    (error,) = load_errors(tmp_path, text)
+    span = error.span
+    assert (error.code, span.path, span.line, span.column, span.width) == (
         code,
         "shmgen.toml",
         line,
         column,
         width,
-    ), str(found)
-    assert says in found.message + found.hint
+    ), str(error)
+    assert phrase in error.message + error.hint
 
 
-def test_a_topic_listed_twice(tmp_path: Path) -> None:
+def test_topic_listed_twice_is_an_error(tmp_path: Path) -> None:
     entry = "[[topics]]\ntopic = 'a'\ntype = 'a/B'\n"
-    (found,) = refusal(tmp_path, entry + entry.replace("'a'", "'/a'"))
-    assert (found.code, found.span.line, found.message) == ("SHM502", 5, "topic /a is listed twice")
+    (error,) = load_errors(tmp_path, entry + entry.replace("'a'", "'/a'"))
+    assert (error.code, error.span.line, error.message) == ("SHM502", 5, "topic /a is listed twice")
 
 
-def test_all_mistakes_are_told_from_top_to_bottom(tmp_path: Path) -> None:
-    found = refusal(tmp_path, "[strings]\n'a/B' = 0\ndefault = 0\n[types]\nbool = 1\n[nonsense]\nx = 1\n")
-    assert [(one.code, one.span.line) for one in found] == [("SHM502", 2), ("SHM502", 3), ("SHM502", 5), ("SHM501", 6)]
+def test_errors_are_reported_from_top_to_bottom(tmp_path: Path) -> None:
+    errors = load_errors(tmp_path, "[strings]\n'a/B' = 0\ndefault = 0\n[types]\nbool = 1\n[nonsense]\nx = 1\n")
+    assert [(e.code, e.span.line) for e in errors] == [("SHM502", 2), ("SHM502", 3), ("SHM502", 5), ("SHM501", 6)]
 
 
-def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+def test_byte_order_mark_is_ignored(tmp_path: Path) -> None:
     assert load(tmp_path, b"\xef\xbb\xbfmax_region = 9").max_region == 9
 
 
-def test_lines_are_counted_as_toml_does(tmp_path: Path) -> None:
-    (found,) = refusal(tmp_path, "# a\u2028b\x85c\nmax_region = 0\r\n")
-    assert (found.span.line, found.span.text) == (2, "max_region = 0")
+def test_lines_are_counted_as_in_toml(tmp_path: Path) -> None:
+    (error,) = load_errors(tmp_path, "# a\u2028b\x85c\nmax_region = 0\r\n")
+    assert (error.span.line, error.span.text) == (2, "max_region = 0")
 
 
-def test_pyproject(tmp_path: Path) -> None:
+def test_table_of_pyproject_is_loaded(tmp_path: Path) -> None:
     text = '[project]\nname = "robot"\n[tool.shmgen]\nsource = "humble"\n[tool.shmgen.bounds]\n"a/B" = 3\n'
     loaded = load(tmp_path, text + '[[tool.shmgen.topics]]\ntopic = "/a"\ntype = "a/B"\n', "pyproject.toml")
     assert (loaded.source, loaded.bounds.sequences["a/B"].span.line, loaded.topics[0].span.line) == ("humble", 6, 8)
@@ -233,12 +233,12 @@ def test_pyproject(tmp_path: Path) -> None:
         ("tool = 3", 1),
     ],
 )
-def test_mistakes_in_pyproject(tmp_path: Path, text: str, line: int) -> None:
-    (found,) = refusal(tmp_path, text, "pyproject.toml")
-    assert (found.code, found.span.path, found.span.line) == ("SHM502", "pyproject.toml", line), str(found)
+def test_errors_in_pyproject_name_their_line(tmp_path: Path, text: str, line: int) -> None:
+    (error,) = load_errors(tmp_path, text, "pyproject.toml")
+    assert (error.code, error.span.path, error.span.line) == ("SHM502", "pyproject.toml", line), str(error)
 
 
-def test_which_file_is_in_force(tmp_path: Path) -> None:
+def test_shmgen_toml_takes_precedence_over_pyproject(tmp_path: Path) -> None:
     assert config.find(tmp_path) is None
     (tmp_path / "pyproject.toml").write_text("[tool.other]")
     assert config.find(tmp_path) is None

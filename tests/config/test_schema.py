@@ -1,4 +1,4 @@
-"""`shmgen schema`, the table in docs/configuration.md and the parser know the same keys, and refuse the same values."""
+"""`shmgen schema`, the table in docs/configuration.md and the parser have the same keys and refuse the same values."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ PAGE = REPOSITORY / "docs/configuration.md"
 PLACE = re.compile(r"(?<=<!-- keys -->\n)(.*)(?=<!-- /keys -->)", re.DOTALL)
 
 
-def test_the_page_has_the_table(request: pytest.FixtureRequest) -> None:
+def test_configuration_page_contains_the_table(request: pytest.FixtureRequest) -> None:
     page = PAGE.read_text(encoding="utf-8")
-    made = PLACE.sub(lambda _: f"\n{table()}\n\n", page)
+    expected = PLACE.sub(lambda _: f"\n{table()}\n\n", page)
     if request.config.getoption("--update-golden"):
-        PAGE.write_text(made, encoding="utf-8")
-    assert PAGE.read_text(encoding="utf-8") == made, "pytest --update-golden tests/config/test_schema.py"
+        PAGE.write_text(expected, encoding="utf-8")
+    assert PAGE.read_text(encoding="utf-8") == expected, "pytest --update-golden tests/config/test_schema.py"
 
 
-def valid(document: Any) -> bool:
+def is_valid(document: Any) -> bool:
     jsonschema = import_or_skip("jsonschema")
     return bool(jsonschema.Draft7Validator(schema()).is_valid(document))
 
 
-def accepted(folder: Path, text: str) -> bool:
+def is_accepted(folder: Path, text: str) -> bool:
     (folder / "shmgen.toml").write_text(text, encoding="utf-8")
     try:
         load(folder / "shmgen.toml", "shmgen.toml", Report())
@@ -46,15 +46,15 @@ def accepted(folder: Path, text: str) -> bool:
     return True
 
 
-def test_the_command_prints_a_valid_schema() -> None:
+def test_command_prints_a_valid_schema() -> None:
     jsonschema = import_or_skip("jsonschema")
     printed = json.loads(run(["schema"], REPOSITORY).stdout)
     jsonschema.Draft7Validator.check_schema(printed)
     assert printed == json.loads(json.dumps(schema()))
 
 
-def example(key: Key) -> str:
-    """A value that the key takes, in TOML."""
+def make_example(key: Key) -> str:
+    """Return a value that the key accepts, in TOML."""
     by_pattern = {"mode": "0660", "group": "plc", "topic": "/a", "service": "/a", "action": "/a", "type": "p_msgs/A"}
     if key.kind == "string":
         return json.dumps(key.default or by_pattern.get(key.name, ""))
@@ -62,25 +62,25 @@ def example(key: Key) -> str:
     return json.dumps(next(iter(value)))
 
 
-def document(key: Key, value: str) -> str:
+def make_document(key: Key, value: str) -> str:
     rest = [other for other in keys.keys_of(key.section) if other.required and other is not key]
     if key.section == "topics" and key.name == "stamp":
         rest += [other for other in KEYS if other[:2] == ("topics", "direction")]
-    lines = [f"{other.name} = {example(other)}" for other in rest]
+    lines = [f"{other.name} = {make_example(other)}" for other in rest]
     return "\n".join([keys.header(key.section) if key.section else "", *lines, f"{key.name} = {value}", ""])
 
 
 @pytest.mark.parametrize("key", KEYS, ids=lambda key: f"{key.section}.{key.name}")
-def test_each_key_is_known_to_both(key: Key, tmp_path: Path) -> None:
-    text = document(key, example(key))
-    assert accepted(tmp_path, text)
-    assert valid(toml.loads(text))
+def test_schema_and_parser_accept_the_same_keys(key: Key, tmp_path: Path) -> None:
+    text = make_document(key, make_example(key))
+    assert is_accepted(tmp_path, text)
+    assert is_valid(toml.loads(text))
     for wrong in ('"no such thing"', "-1", "[1]", "{}"):
         if key.kind == "string" and wrong.startswith('"') and key.name != "mode":
             continue
-        text = document(key, wrong)
-        assert not accepted(tmp_path, text), text
-        assert not valid(toml.loads(text)), text
+        text = make_document(key, wrong)
+        assert not is_accepted(tmp_path, text), text
+        assert not is_valid(toml.loads(text)), text
 
 
 @pytest.mark.parametrize(
@@ -102,21 +102,21 @@ def test_each_key_is_known_to_both(key: Key, tmp_path: Path) -> None:
         "max_region = true",
     ],
 )
-def test_both_refuse(text: str, tmp_path: Path) -> None:
-    assert not accepted(tmp_path, text)
-    assert not valid(toml.loads(text))
+def test_schema_and_parser_refuse_invalid_files(text: str, tmp_path: Path) -> None:
+    assert not is_accepted(tmp_path, text)
+    assert not is_valid(toml.loads(text))
 
 
-def test_each_file_of_the_repository_is_valid() -> None:
-    listed = subprocess.run(["git", "ls-files", "*shmgen.toml"], cwd=REPOSITORY, capture_output=True, text=True)
-    if listed.returncode:
+def test_files_of_the_repository_are_valid() -> None:
+    result = subprocess.run(["git", "ls-files", "*shmgen.toml"], cwd=REPOSITORY, capture_output=True, text=True)
+    if result.returncode:
         pytest.skip("not a checkout of git")
-    files = [name for name in listed.stdout.split() if not name.startswith("tests/errors/")]
+    files = [name for name in result.stdout.split() if not name.startswith("tests/errors/")]
     assert len(files) > 10
-    assert [name for name in files if not valid(toml.loads((REPOSITORY / name).read_text("utf-8")))] == []
+    assert [name for name in files if not is_valid(toml.loads((REPOSITORY / name).read_text("utf-8")))] == []
 
 
-def test_an_empty_file_is_the_usual_configuration(tmp_path: Path) -> None:
+def test_empty_file_is_the_default_configuration(tmp_path: Path) -> None:
     from shmgen.config import Config
 
     (tmp_path / "shmgen.toml").write_text("")
