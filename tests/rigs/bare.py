@@ -1,8 +1,8 @@
 """Runs the commands of README on Debian 12, Debian 13 and Ubuntu 24.04 with a minimal installation.
 
-    sudo make bare                                             # nine runs, which cover each pair of properties
-    sudo make bare ARGS="--only debian-13 --tests tests/cli"   # runs with this in their name; a part of the tests
-    sudo make bare ARGS=--set-up                               # only the setup of `make test`: minutes and MB
+    sudo make bare                                             # nine runs
+    sudo make bare ARGS="--only debian-13 --tests tests/cli"   # some runs and tests
+    sudo make bare ARGS=--set-up                               # only the setup of `make test`
 
 Needs root, debootstrap, git and overlayfs. All runs take an hour or more, and several hours on a busy machine. Each run
 has a root file system above a minimal one, with its own mounts, processes, /dev/shm and time limit. The package indexes
@@ -33,25 +33,25 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[2]
 PACKAGES = "python3,make"
-"""What each bare root has, and ca-certificates, to reach an index: no git, no compiler, no locales."""
+"""The packages of each bare root, beside ca-certificates for an index. It has no git, no compiler and no locales."""
 SYSTEMS = {
     "debian-12": ("bookworm", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
     "debian-13": ("trixie", os.environ.get("DEBIAN_MIRROR", "http://deb.debian.org/debian")),
     "ubuntu-24.04": ("noble", os.environ.get("UBUNTU_MIRROR", "http://archive.ubuntu.com/ubuntu")),
 }
-KEPT = ("/.cache/pip", "/.cache/shmgen")
-"""Below the home: the two caches, pip's and the one docs/configuration.md tells of."""
+CACHES = ("/.cache/pip", "/.cache/shmgen")
+"""The folders below the home that may stay: the caches of pip and of shmgen (docs/configuration.md)."""
 
 
 SET_UP_SECONDS, SET_UP_MB = 180, 600
-"""What setting up for `make test` may take, packages of README included, where nothing else goes on."""
+"""Limits of the setup of `make test` on an idle machine. It includes the packages of README."""
 
 APT = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq"
 DEB = f"{APT} python3-venv && shmgen/contrib/debian/make_deb.sh && {APT} ./shmgen_*.deb && shmgen --version"
 VENV = "python3 -m venv v && v/bin/pip -q install ./shmgen && v/bin/shmgen --version"
 UV = "python3 -m venv u && u/bin/pip -q install uv && u/bin/uv -q tool install ./shmgen && .local/bin/shmgen --version"
 PIPX = "pipx install './shmgen[idl]' && .local/bin/shmgen --version"
-"""Ways to install shmgen that docs/deploy.md names, by those who run the commands; a .deb by root."""
+"""Commands of docs/deploy.md that install shmgen. Root installs the .deb, and the user of the run all others."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ RUNS = (
     Run("ubuntu-24.04", user=True, git=True, closed=False, bytecode=True, installed=UV),
     Run("ubuntu-24.04", user=False, git=False, closed=True, bytecode=False),
 )
-"""All pairs of two properties' values, in the fewest runs."""
+"""The fewest runs that contain each pair of two properties' values."""
 
 INSIDE = """
 set -e
@@ -138,7 +138,7 @@ class Machine:
         self.log.write_text("")
         self.checkout = self.upper / "root" / run.home[1:] / "shmgen"
 
-    def lay(self) -> None:
+    def create_checkout(self) -> None:
         """Create the checkout from the committed files, with the git history or without."""
         home = self.checkout.parent
         home.mkdir(parents=True)
@@ -154,7 +154,7 @@ class Machine:
             subprocess.run(["chown", "-R", "1000:1000", str(home)], check=True)
         home.chmod(0o700 if self.run.closed else 0o755)
 
-    def does(self, command: str, limit: float, as_root: bool = False) -> tuple[int, float, list[str]]:
+    def execute(self, command: str, limit: float, as_root: bool = False) -> tuple[int, float, list[str]]:
         """Run a line of shell for at most `limit` seconds. Return its exit code, duration in seconds, and output.
 
         The output also lists what the command left behind.
@@ -192,8 +192,8 @@ class Machine:
                 if process.poll() is None:
                     os.killpg(process.pid, signal.SIGKILL)
                     process.wait()
-        said = self.log.read_bytes()[at:].decode(errors="replace")
-        return code, time.monotonic() - start, said.splitlines()
+        output = self.log.read_bytes()[at:].decode(errors="replace")
+        return code, time.monotonic() - start, output.splitlines()
 
     def size(self) -> int:
         """Return the size in MB of all files that the minimal root does not contain."""
@@ -205,23 +205,23 @@ class Machine:
         Caches and files that .gitignore names are omitted.
         """
         ignored = [line.strip("/") for line in (HERE / ".gitignore").read_text().split()]
-        found = {}
+        hashes = {}
         for top in (self.upper / "root/tmp", self.upper / "root/var/tmp", self.checkout.parent):
             for folder, below, files in os.walk(top):
-                kept = [name for name in below if not any(fnmatch(name, pattern) for pattern in ignored)]
-                below[:] = [name for name in kept if name != ".git" and not f"{folder}/{name}".endswith(KEPT)]
+                tracked = [name for name in below if not any(fnmatch(name, pattern) for pattern in ignored)]
+                below[:] = [name for name in tracked if name != ".git" and not f"{folder}/{name}".endswith(CACHES)]
                 for name in (*files, *(name for name in below if not any(Path(folder, name).iterdir()))):
                     path = Path(folder, name)
                     if not any(fnmatch(name, pattern) for pattern in ignored):
                         text = path.read_bytes() if path.is_file() and not path.is_symlink() else b""
-                        found[f"/{path.relative_to(self.upper / 'root')}"] = hashlib.sha256(text).hexdigest()
-        return found
+                        hashes[f"/{path.relative_to(self.upper / 'root')}"] = hashlib.sha256(text).hexdigest()
+        return hashes
 
 
 def pip_variables() -> list[str]:
     """Return the environment variables of this process for pip and for proxies."""
-    wanted = re.compile(r"PIP_|(https?|no|all)_proxy$|SSL_CERT_FILE$|REQUESTS_CA_BUNDLE$", re.IGNORECASE)
-    return [f"{name}={value}" for name, value in os.environ.items() if wanted.match(name) and " " not in value]
+    pattern = re.compile(r"PIP_|(https?|no|all)_proxy$|SSL_CERT_FILE$|REQUESTS_CA_BUNDLE$", re.IGNORECASE)
+    return [f"{name}={value}" for name, value in os.environ.items() if pattern.match(name) and " " not in value]
 
 
 def pip_settings() -> RawConfigParser:
@@ -243,7 +243,7 @@ def _paths() -> Iterator[Path]:
     for word in " ".join(values + [line.partition("=")[2] for line in pip_variables()]).split():
         path = Path(word.removeprefix("file://"))
         if path.is_absolute() and path.exists():
-            yield path.parent if word.startswith("file://") else path  # an index's files lie beside it
+            yield path.parent if word.startswith("file://") else path  # its files are beside an index
 
 
 def make_base(system: str, folder: Path) -> None:
@@ -257,19 +257,19 @@ def make_base(system: str, folder: Path) -> None:
         "/usr/share/keyrings", "ubuntu-archive-keyring.gpg" if "ubuntu" in system else "debian-archive-keyring.gpg"
     )
     if not key.exists():
-        print(f"{key} is missing: whoever answers for {mirror} is believed", file=sys.stderr)
-    known = Path("/usr/share/debootstrap/scripts")
-    script = [] if (known / suite).exists() else [str(known / ("gutsy" if "ubuntu" in system else "sid"))]
+        print(f"{key} is missing: the packages of {mirror} are not verified", file=sys.stderr)
+    scripts = Path("/usr/share/debootstrap/scripts")
+    script = [] if (scripts / suite).exists() else [str(scripts / ("gutsy" if "ubuntu" in system else "sid"))]
     command = ["debootstrap", "--variant=minbase", f"--include={PACKAGES},ca-certificates"]
     command += [f"--keyring={key}"] if key.exists() else ["--no-check-gpg"]
     command += ["--components=main,universe" if "ubuntu" in system else "--components=main"]
-    print(f"{system}: making a root of {suite}", flush=True)
+    print(f"{system}: creating a root of {suite}", flush=True)
     with (folder / f"{system}.log").open("wb") as log:
         subprocess.run([*command, suite, str(base), mirror, *script], stdout=log, stderr=log, check=True, timeout=1800)
-    settle(base)
+    configure(base)
 
 
-def settle(base: Path) -> None:
+def configure(base: Path) -> None:
     """Copy this machine's settings of apt, pip and the network into a minimal root, and create a user."""
     for file in Path("/etc/apt/apt.conf.d").iterdir():
         if "Acquire" in (text := file.read_text()) and "Invoke" not in text:
@@ -295,58 +295,58 @@ def set_up(run: Run, folder: Path) -> bool:
     Return True if the setup succeeded within the limits.
     """
     machine = Machine(run, folder)
-    machine.lay()
+    machine.create_checkout()
     start, size, busy = time.monotonic(), machine.size(), os.getloadavg()[0]
-    code, said = 0, []
+    code, output = 0, []
     if run.user:
-        code, _, said = machine.does(f"{APT} {run.needed}", 900, as_root=True)
+        code, _, output = machine.execute(f"{APT} {run.needed}", 900, as_root=True)
     if code == 0:
-        code, _, said = machine.does("make -C shmgen .venv/ready-to-test", 900)
+        code, _, output = machine.execute("make -C shmgen .venv/ready-to-test", 900)
     seconds, more = time.monotonic() - start, machine.size() - size
     good = code == 0 and seconds < SET_UP_SECONDS and more < SET_UP_MB
     print(f"{'ok  ' if good else 'RED '} {run.name}: {seconds:.0f} s, {more:+} MB, exit {code}; load {busy:.1f} before")
-    for line in said[-30:] if code else []:
+    for line in output[-30:] if code else []:
         print(f"       {line}")
     sys.stdout.flush()
     return good
 
 
-def tried(run: Run, folder: Path, tests: str) -> bool:
+def try_readme(run: Run, folder: Path, tests: str) -> bool:
     """Run the commands of README on a new machine, and print a line for each. Return True if all succeeded."""
     machine = Machine(run, folder)
-    machine.lay()
+    machine.create_checkout()
     fine = True
 
     def step(command: str, limit: float, as_root: bool = False, fails: bool = False, leaves: bool = False) -> list[str]:
         nonlocal fine
         size, before = machine.size(), machine.files()
-        code, seconds, said = machine.does(command, limit, as_root)
-        left = [line for line in said if line.startswith("LEFT ")]
+        code, seconds, output = machine.execute(command, limit, as_root)
+        left = [line for line in output if line.startswith("LEFT ")]
         after = {} if as_root or leaves else machine.files()
         left += [f"LEFT {path}" for path, text in sorted(after.items()) if before.get(path) != text]
         good = (code != 0) == fails and not left
         fine = fine and good
         print(f"  {'ok  ' if good else 'RED '} {command}: {seconds:.0f} s, {machine.size() - size:+} MB, exit {code}")
-        more = [f"LEFT {len(left) - 20} more"] if len(left) > 20 else []  # a failed test keeps its folder
-        for line in [*left[:20], *more, *([] if (code != 0) == fails else said[-30:])]:
+        more = [f"LEFT {len(left) - 20} more"] if len(left) > 20 else []  # a failed test leaves its folder
+        for line in [*left[:20], *more, *([] if (code != 0) == fails else output[-30:])]:
             print(f"       {line}")
         sys.stdout.flush()
-        return said
+        return output
 
     print(run.name, flush=True)
     if run.git:
         step(f"{APT} git", 900, as_root=True)
     if run.user:
-        said = step("make -C shmgen demo", 30, fails=True)
-        fine = fine and any("sudo apt-get install python3-venv" in line for line in said)
+        output = step("make -C shmgen demo", 30, fails=True)
+        fine = fine and any("sudo apt-get install python3-venv" in line for line in output)
     step(f"{APT} {run.needed}", 900, as_root=True)
     step("make -C shmgen demo", 900)
-    said = step(f"make -C shmgen test{f' TESTS={shlex.quote(tests)}' if tests else ''}", 7200)
-    for line in said:
+    output = step(f"make -C shmgen test{f' TESTS={shlex.quote(tests)}' if tests else ''}", 7200)
+    for line in output:
         if re.match(r"left out: |failed, and was|\d+ passed|FAILED|ERROR|\d+ failed", line):
             print(f"       {line}")
-    said = step("cd shmgen && . .venv/bin/activate && shmgen --version", 30)
-    fine = fine and any(f"publish and read in {'C' if run.gcc else 'Python'}" in line for line in said)
+    output = step("cd shmgen && . .venv/bin/activate && shmgen --version", 30)
+    fine = fine and any(f"publish and read in {'C' if run.gcc else 'Python'}" in line for line in output)
     if run.installed == PIPX:
         step(f"{APT} pipx", 900, as_root=True)
     step(run.installed, 900, leaves=True)
@@ -356,11 +356,11 @@ def tried(run: Run, folder: Path, tests: str) -> bool:
 def main() -> None:
     """Execute the selected runs, and print each command with its result."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--only", default="", help="words that the name of a run holds, such as `debian-12 user`")
-    parser.add_argument("--tests", default="", help="what `make test` is given, such as `tests/cli`; all by default")
-    parser.add_argument("--set-up", action="store_true", help="only what `make test` sets up, and how long that takes")
+    parser.add_argument("--only", default="", help="words that the name of a run contains, such as `debian-12 user`")
+    parser.add_argument("--tests", default="", help="the tests of `make test`, such as `tests/cli`; all by default")
+    parser.add_argument("--set-up", action="store_true", help="only the setup of `make test`, with its duration")
     parser.add_argument(
-        "--folder", type=Path, default=Path("/var/tmp/shmgen-bare"), help="where the roots and logs are"
+        "--folder", type=Path, default=Path("/var/tmp/shmgen-bare"), help="folder of the roots and logs"
     )
     options = parser.parse_args()
     if os.geteuid() or not shutil.which("debootstrap"):
@@ -373,7 +373,7 @@ def main() -> None:
     if options.set_up:
         red = [run.name for run in runs if not set_up(run, options.folder)]
     else:
-        red = [run.name for run in runs if not tried(run, options.folder, options.tests)]
+        red = [run.name for run in runs if not try_readme(run, options.folder, options.tests)]
     shutil.rmtree(options.folder / "run", ignore_errors=True)
     print(f"{len(runs) - len(red)} of {len(runs)} runs are green" + "".join(f"\nred: {name}" for name in red))
     sys.exit(bool(red))

@@ -49,7 +49,7 @@ from .chaos_mishaps import Interrupted
 
 DEPTHS = (1, 4)
 SIZES = {"Small": 2048, "Large": 131072}
-"""Bytes; below and above LATE_FROM, for the runtime copies them in two ways."""
+"""Sizes in bytes, below and above LATE_FROM, because the runtime copies small and large samples differently."""
 DEFINITIONS = {
     f"chaos_msgs/msg/{name}.msg": f"uint64 number\nuint32 checksum\nuint8[{size}] data\n"
     for name, size in SIZES.items()
@@ -57,12 +57,12 @@ DEFINITIONS = {
 PATTERNS = {name: [random.Random(seed).randbytes(size) for seed in range(61)] for name, size in SIZES.items()}
 CHECKSUMS = {name: [zlib.crc32(pattern) for pattern in patterns] for name, patterns in PATTERNS.items()}
 ROUNDS_A_REGION = 30
-PATIENCE = 1.5
-"""Seconds that a new writer waits for children of the one before, which let go of its claim as soon as they run."""
+TIMEOUT = 1.5
+"""Seconds that a new writer waits for children of its predecessor, which release the claim as soon as they run."""
 
 
 INSTALLED = SimpleNamespace(**{name: getattr(engine, name) for name in engines.NAMES})
-"""The engine that is at work before any process chooses."""
+"""The engine of this process, before the processes of the chaos choose their engines."""
 
 
 @dataclass
@@ -82,7 +82,7 @@ class Stage:
     calm: bool = False
     planted: bool = False
     calls: list[Callable[[], Any]] = field(default_factory=list)
-    """What the process itself has open, which a forked child of it must not use."""
+    """Methods of the endpoints that this process has open. A forked child must not use these endpoints."""
     program: Path | None = None
     shared: int = -1
     stacks: int = -1
@@ -106,15 +106,15 @@ class Stage:
         os.write(self.complaints, f"{text}\n"[:500].encode())
 
     def sample(self, number: int) -> Any:
-        made = self.kinds[0](number=number, checksum=CHECKSUMS[self.kind][number % 61] ^ number)
-        ctypes.memmove(made.data, PATTERNS[self.kind][number % 61], SIZES[self.kind])
-        return made
+        message = self.kinds[0](number=number, checksum=CHECKSUMS[self.kind][number % 61] ^ number)
+        ctypes.memmove(message.data, PATTERNS[self.kind][number % 61], SIZES[self.kind])
+        return message
 
     def check(self, message: Any, sequence: int, role: str) -> None:
         number, data = message.number, bytes(message.data)
-        # Comparing is quicker than a checksum, so that more of the time goes into what can go wrong.
-        wanted = CHECKSUMS[self.kind][number % 61] ^ number
-        if message.checksum != wanted or data != PATTERNS[self.kind][number % 61]:
+        # Comparing is faster than a checksum, so that more time remains for the protocol itself.
+        expected = CHECKSUMS[self.kind][number % 61] ^ number
+        if message.checksum != expected or data != PATTERNS[self.kind][number % 61]:
             self.complain(f"{role}: torn: sample {sequence} says {number}, checksum {zlib.crc32(data):08X}")
         elif number != sequence:
             self.complain(f"{role}: sample {sequence} says {number}")
@@ -162,10 +162,10 @@ def read(stage: Stage, place: int, rng: random.Random) -> None:
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=rng.choice((0, 0, 0.001, 0.01))) as subscriber:
         stage.calls = [subscriber.read]
         be_slow(subscriber, stage, rng)
-        goes_on = True
-        while goes_on:
-            with suppress(Interrupted):  # what it had in hand is lost, and counting begins anew
-                goes_on = follow(stage, place, subscriber, way)
+        is_consistent = True
+        while is_consistent:
+            with suppress(Interrupted):  # the interrupted read loses its samples, so counting restarts
+                is_consistent = follow(stage, place, subscriber, way)
 
 
 def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
@@ -242,7 +242,7 @@ def plc_write(stage: Stage, place: int, rng: random.Random) -> None:
     size = ctypes.sizeof(stage.kinds[0])
     region = block._fbRegion
     while True:
-        ready = region.xReady  # only then its next number is known: after a change of writers some are left out
+        ready = region.xReady  # only then is the next number known, because a new writer leaves out some numbers
         if ready:
             sample = stage.sample(region._udiLast + 1)
             ctypes.memmove(block.Msg._address, ctypes.addressof(sample), size)
@@ -288,7 +288,7 @@ class Actor:
         return self.work not in (cpp_write, cpp_read)
 
     def start(self, seed: float) -> None:
-        # Until the child has handlers of its own, and for good in a PLC, which knows no signals.
+        # Ignore signals until the child has its own handlers. A PLC has none and ignores them for good.
         before = [(number, signal.signal(number, signal.SIG_IGN)) for number in (signal.SIGINT, signal.SIGUSR1)]
         self.pid = os.fork()
         if self.pid == 0:
@@ -298,10 +298,10 @@ class Actor:
 
     def play(self, rng: random.Random) -> NoReturn:
         """Execute the role. If a signal handler's exception interrupts opening or closing, start again."""
-        interrupts, patience = True, time.monotonic() + PATIENCE
+        interrupts, deadline = True, time.monotonic() + TIMEOUT
         try:
             if self.interpreted:
-                chaos_still.tells(self.stage)
+                chaos_still.dump_stack_on_signal(self.stage)
             if self.work in (write, read):
                 chaos_mishaps.prepare(self.stage, rng, self.work)
             while interrupts:
@@ -311,10 +311,10 @@ class Actor:
                 except Interrupted:
                     interrupts = True
                 except RegionInUse as error:
-                    # By a child of the one before, forked just now, which has not had its turn yet.
-                    interrupts = time.monotonic() < patience
+                    # A child that the previous writer has just forked holds the claim until it runs.
+                    interrupts = time.monotonic() < deadline
                     if not interrupts:
-                        chaos_still.who_is_in_the_way(self.stage, error)
+                        chaos_still.report_claim_holder(self.stage, error)
                 self.stage.calls = []
         except BaseException as error:
             self.stage.complain(f"{self.work.__name__} ended: {error!r}")
@@ -335,7 +335,7 @@ class Actor:
             return "ended"
 
     def kill(self) -> None:
-        with suppress(ProcessLookupError, ChildProcessError):  # it had ended, and state() has told how
+        with suppress(ProcessLookupError, ChildProcessError):  # it had already ended, and state() has reported this
             self.signal(signal.SIGKILL)
             os.waitpid(self.pid, 0)
 
@@ -355,16 +355,16 @@ def play(
     calm: bool,
 ) -> Verdict:
     """Run rounds until there were `kills` kills, `seconds` are over, or a fault was found. Return the result."""
-    stage, complaints = _stage(folder, plc, cpp)
+    stage, complaints = _prepare_stage(folder, plc, cpp)
     stage.calm = calm
     if fault:
         stage.planted = True
-        engines.become_python()  # this process too: another engine would find a fault by not having it
+        engines.become_python()  # also this process, because another engine would not have the fault
         plant = chaos_faults.PLANTED[fault]
         plant(stage)
         stage.calm = plant in chaos_faults.CALM
     rng, verdict = random.Random(seed), Verdict()
-    before = _half_made()
+    before = _unfinished_semaphores()
     end = time.monotonic() + seconds
     scenes = [[write, read, read]]
     if plc:
@@ -392,8 +392,8 @@ def play(
                     verdict.faults += complaints()
                     if verdict.faults or time.monotonic() > end:
                         break
-                if gentle and (healed := read_header(region_name(stage.topic)).recoveries):
-                    verdict.faults.append(f"nobody was killed or stopped, and the lock was healed {healed} times")
+                if gentle and (recoveries := read_header(region_name(stage.topic)).recoveries):
+                    verdict.faults.append(f"without a kill or stop, the lock was recovered {recoveries} times")
             finally:
                 for actor in cast:
                     actor.kill()
@@ -407,16 +407,16 @@ def play(
             if not stage.calm:
                 mishap = rng.choice(chaos_mishaps.BETWEEN)
                 verdict.mishaps[mishap.__name__] += 1
-                verdict.faults += [f"{mishap.__name__}: {found}" for found in mishap(stage, rng)]
+                verdict.faults += [f"{mishap.__name__}: {text}" for text in mishap(stage, rng)]
                 verdict.faults += complaints()
     finally:
         for file in _files(stage):
             file.unlink()
-    _clean_half_made(before, verdict)
+    _clean_unfinished_semaphores(before, verdict)
     return verdict
 
 
-def _stage(folder: Path, plc: bool, cpp: bool) -> tuple[Stage, Callable[[], list[str]]]:
+def _prepare_stage(folder: Path, plc: bool, cpp: bool) -> tuple[Stage, Callable[[], list[str]]]:
     put(DEFINITIONS, folder / "definitions")
     config = Config(folder, path=(folder / "definitions",), package="shm_chaos", targets=("python", "st", "c", "cpp"))
     texts = pipeline.generate(config, [f"chaos_msgs/{name}" for name in SIZES])
@@ -483,24 +483,24 @@ def _mishap(mishap: Any, stage: Stage, actor: Actor, rng: random.Random, verdict
     mishap(stage, actor, rng)
 
 
-def _overtake(one: Actor, other: Actor, rng: random.Random) -> None:
-    """Stop a process for some microseconds while another one continues, and then let them meet."""
-    one.signal(signal.SIGSTOP)
+def _overtake(first: Actor, second: Actor, rng: random.Random) -> None:
+    """Stop a process for some microseconds while another one continues, and then let both run."""
+    first.signal(signal.SIGSTOP)
     end = time.perf_counter() + rng.uniform(0, 0.0002)
     while time.perf_counter() < end:
         pass
-    other.signal(signal.SIGSTOP)
-    one.signal(signal.SIGCONT)
+    second.signal(signal.SIGSTOP)
+    first.signal(signal.SIGCONT)
     time.sleep(0.0002)
-    other.signal(signal.SIGCONT)
+    second.signal(signal.SIGCONT)
 
 
 def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
     """Yield a fault if a new reader does not get the newest sample while no writer exists."""
     with stage.kinds[2](stage.topic, depth=stage.depth, lock_timeout=0) as subscriber:
         completed = region_of(subscriber).newest()
-        # Where the lock is needed a dead reader may have it, until it is healed.
-        message = subscriber.read() or subscriber.wait(PATIENCE)
+        # If the lock is mandatory, a dead reader may hold it until it is recovered.
+        message = subscriber.read() or subscriber.wait(TIMEOUT)
         if completed and message is None:
             yield f"sample {completed} was completed and is lost"
         elif completed:
@@ -510,15 +510,15 @@ def _last_sample_is_lost(stage: Stage) -> Iterator[str]:
 def _recover(cast: list[Actor], limit: float, verdict: Verdict) -> None:
     start, before = time.monotonic(), [actor.moves for actor in cast]
     stage, late = cast[0].stage, ""
-    # A PLC takes away no token too many before a recovery, and readers in C do not take the lock while they need not.
+    # A PLC removes no surplus token before a recovery, and readers in C take the lock only if they must.
     surplus = chaos_still.Surplus(stage if cast[0].work is not plc_write else None)
     while any(actor.moves == moves for actor, moves in zip(cast, before, strict=True)) or surplus.is_there():
         took = time.monotonic() - start
         if took > limit and not late:
             what = "more than one token" if surplus.is_there() else "no sign of life"
-            late = f"{what} within {limit:.1f} s of the last hit: {chaos_still.found(stage, cast, before)}"
+            late = f"{what} within {limit:.1f} s of the last hit: {chaos_still.describe(stage, cast, before)}"
         if took > 5 * limit:
-            verdict.faults.append(f"{late}\nnor within {took:.1f}: {chaos_still.found(stage, cast, before)}")
+            verdict.faults.append(f"{late}\nnor within {took:.1f}: {chaos_still.describe(stage, cast, before)}")
             return
         time.sleep(0.0005)
     took = time.monotonic() - start
@@ -538,17 +538,17 @@ def _clean(stage: Stage, verdict: Verdict) -> None:
     clean.remove(known)
 
 
-def _half_made() -> set[Path]:
+def _unfinished_semaphores() -> set[Path]:
     """Return the files with temporary names of semaphores, which the C library uses while it creates a semaphore."""
     return set(Path("/dev/shm").glob("sem.??????"))
 
 
-def _clean_half_made(before: set[Path], verdict: Verdict) -> None:
+def _clean_unfinished_semaphores(before: set[Path], verdict: Verdict) -> None:
     """Remove the temporary files that killed processes left. Add a fault if shmgen does not recognize one of them."""
-    if not (left := _half_made() - before):
+    if not (left := _unfinished_semaphores() - before):
         return
     time.sleep(orphan_semaphores.AGE + 0.1)
-    left &= _half_made()
+    left &= _unfinished_semaphores()
     known = {Path(file) for file in orphan_semaphores.semaphores(processes.look())}
     for file in left - known:
         with suppress(RegionMissing, ValueError):
@@ -565,20 +565,18 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600)
     parser.add_argument("--kills", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=1.2, help="seconds within which everybody moves again")
+    parser.add_argument("--limit", type=float, default=1.2, help="seconds within which all processes continue")
     parser.add_argument("--no-plc", action="store_true")
-    parser.add_argument("--calm", action="store_true", help="kills and stops only, none of chaos_mishaps.py")
+    parser.add_argument("--calm", action="store_true", help="only kills and stops, without chaos_mishaps.py")
     parser.add_argument("--no-cpp", action="store_true")
     parser.add_argument("--fault", choices=chaos_faults.PLANTED)
-    given = parser.parse_args()
+    args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
-        plc = not (given.no_plc or given.fault)
-        cpp = not (given.no_cpp or given.fault) and shutil.which("g++") is not None
-        verdict = play(
-            Path(folder), given.seconds, given.kills, given.seed, given.limit, plc, cpp, given.fault, given.calm
-        )
+        plc = not (args.no_plc or args.fault)
+        cpp = not (args.no_cpp or args.fault) and shutil.which("g++") is not None
+        verdict = play(Path(folder), args.seconds, args.kills, args.seed, args.limit, plc, cpp, args.fault, args.calm)
     print(
-        f"seed {given.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
+        f"seed {args.seed}: {verdict.kills} kills and {verdict.stops} stops in {verdict.rounds} bursts on "
         f"{verdict.regions} regions; {verdict.recoveries} locks recovered, {verdict.half_made} semaphores half made; "
         f"mishaps: {dict(verdict.mishaps)}; "
         f"samples: {verdict.moves}; all moved again within {verdict.pause:.2f} s"

@@ -21,7 +21,7 @@ from shmgen.runtime.region import header as h
 from .chaos_mishaps import Interrupted
 
 PUBLISHER, SUBSCRIBER = 1, 2
-"""Places in the classes of a message."""
+"""Indexes in the tuple of a message's classes."""
 
 
 def one_slot(stage: Any) -> None:
@@ -37,11 +37,11 @@ def completed_first(stage: Any) -> None:
         end = publisher._end
         words = end.region.words
 
-        def says() -> None:
+        def mark_complete() -> None:
             number, lane = end.sequence + 1, words[h.TURN] % abi.LANES
             words[end.region.slot(number, lane) // 4 + 2 * h.NUMBER] = words[h.COMPLETED0 + lane] = number
 
-        swap_map(publisher, says)
+        swap_map(publisher, mark_complete)
 
     after_opening(stage, PUBLISHER, plant)
 
@@ -74,18 +74,18 @@ def one_look(stage: Any) -> None:
     after_opening(stage, SUBSCRIBER, plant)
 
 
-# --- which only what chaos_mishaps.py does brings to light ---------------------------------------------------
+# --- faults that only the mishaps of chaos_mishaps.py reveal -------------------------------------------------
 
 
 def claim_kept(stage: Any) -> None:
     """Let a forked child keep the region's open file, and therefore the claim, after the death of its parent."""
     opening = Region.__init__
 
-    def keeps(self: Region, file: Any, *others: Any) -> None:
+    def open_and_duplicate(self: Region, file: Any, *others: Any) -> None:
         opening(self, file, *others)
         os.dup(file.fileno())
 
-    Region.__init__ = keeps  # type: ignore[method-assign]
+    Region.__init__ = open_and_duplicate  # type: ignore[method-assign]
 
 
 def second_token(stage: Any) -> None:
@@ -104,16 +104,16 @@ def lock_lost(stage: Any) -> None:
     """Let an exception leave the lock acquired."""
     release = Lock.release
 
-    def kept(self: Lock) -> None:
+    def forget_and_release(self: Lock) -> None:
         if isinstance(sys.exc_info()[1], Interrupted):
             self._region.semaphore.held.clear()
         release(self)
 
-    Lock.release = kept  # type: ignore[method-assign]
+    Lock.release = forget_and_release  # type: ignore[method-assign]
 
 
 CALM: tuple[Callable[[Any], None], ...] = (one_slot, completed_first, not_cleared, one_look)
-"""What kills and stops alone bring to light."""
+"""Faults that kills and stops alone reveal."""
 PLANTED: dict[str, Callable[[Any], None]] = {
     plant.__name__: plant for plant in (*CALM, claim_kept, second_token, lock_lost)
 }
@@ -136,7 +136,7 @@ class Wrapped:
 
 
 def _ring(map: Any) -> None:
-    """Ring the bell of the map inside all wrappers, because the bell needs the map itself."""
+    """Call `bell.ring` with the map inside all wrappers, because the bell needs the map itself."""
     while isinstance(map, Wrapped):
         map = map.inner
     bell.ring(map)

@@ -1,9 +1,9 @@
 """Disturbs a live region, or the place where a region will be created, for chaos.py.
 
-The functions in DURING disturb running processes: an exception from a signal handler, a fork at any instruction, a stop
-that is longer than the timeout after which a process counts as dead, or too many posts to a semaphore. The functions in
-BETWEEN run when no process is left: they truncate a region, create a foreign file under one of its names, or fill
-/dev/shm. They yield the faults that they find.
+The functions in DURING disturb running processes: an exception from a signal handler, a fork at any instruction, too
+many posts to a semaphore, or a long stop. A process that stops for so long counts as dead. The functions in BETWEEN run
+when no process is left. They truncate a region, create a foreign file under one of its names, or fill /dev/shm, and
+yield the faults that they find.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from shmgen.runtime.region.names import event_name, region_file, semaphore_file
 from ..support.command import run
 
 LONG_STOP = 1.15
-"""Seconds; a holder is taken for dead after one, a PLC's claim too."""
+"""Seconds of a stop. The holder of a lock counts as dead after one second, and so does the claim of a PLC."""
 HANGS = 10
-"""Seconds that opening what is spoiled may last, on a machine with much else to do."""
+"""The timeout in seconds for opening a damaged region on a busy machine."""
 _CHILD = (0.0, 0.005, 0.02, 3.0)
-"""Seconds that a forked child lives: also longer than a new writer waits for the topic."""
+"""Seconds that a forked child lives. The longest exceeds the time that a new writer waits for the topic."""
 _SPARE = 0.01
-"""Seconds between two exceptions in one process, so that one can be dealt with."""
+"""Seconds between two exceptions in one process, so that the process can handle the first one."""
 _NEW_NAMESPACE = 0x20000
 _PAGE = 4096
 _MAGIC = 4
-"""Bytes."""
+"""The size of the magic number in bytes."""
 
 
 class Interrupted(BaseException):
@@ -54,9 +54,9 @@ def prepare(stage: Any, rng: random.Random, work: Callable[..., None]) -> None:
     """
     last, forking = 0.0, False
 
-    def interrupt(_: int, frame: FrameType | None) -> None:
+    def raise_interrupted(_: int, frame: FrameType | None) -> None:
         nonlocal last
-        if forking:  # others have hooks there (logging), which do not bear it
+        if forking:  # fork hooks of other modules, such as logging, cannot handle the exception
             return
         while frame and frame.f_code is not work.__code__:
             frame = frame.f_back
@@ -64,13 +64,13 @@ def prepare(stage: Any, rng: random.Random, work: Callable[..., None]) -> None:
             last = now
             raise Interrupted
 
-    def fork(*_: Any) -> None:
-        # A descriptor has no owner yet while the call that makes it returns: docs/protocol.md, Forks.
+    def fork_child(*_: Any) -> None:
+        # A descriptor has no owner yet while the call that creates it returns: docs/protocol.md, Forks.
         nonlocal forking
-        if forking:  # in a hook of the one before: that of concurrent.futures holds a lock there, and waits for itself
+        if forking:  # inside a fork hook: the hook of concurrent.futures holds a lock and would deadlock
             return
         forking = True
-        pause = rng.choice(_CHILD)  # here, for the child draws from a copy
+        pause = rng.choice(_CHILD)  # before the fork, because the child has a copy of `rng`
         child = bool(stage.calls) and os.fork() == 0
         forking = False
         if child:
@@ -82,8 +82,8 @@ def prepare(stage: Any, rng: random.Random, work: Callable[..., None]) -> None:
                 os._exit(0)
 
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
-    signal.signal(signal.SIGINT, interrupt)
-    signal.signal(signal.SIGUSR1, fork)
+    signal.signal(signal.SIGINT, raise_interrupted)
+    signal.signal(signal.SIGUSR1, fork_child)
 
 
 def _must_refuse(call: Callable[[], Any], stage: Any) -> None:
@@ -96,27 +96,27 @@ def _must_refuse(call: Callable[[], Any], stage: Any) -> None:
         if region_file(region_name(stage.topic)) in Path("/proc/self/maps").read_text():
             stage.complain("a forked child reports Closed and keeps the region open")
     except BaseException as error:
-        stage.complain(f"a forked child met {error!r}")
+        stage.complain(f"a forked child raised {error!r}")
 
 
-# --- while processes go on -----------------------------------------------------------------------------------
+# --- while processes run -------------------------------------------------------------------------------------
 
 
-def interrupted(stage: Any, actor: Any, rng: random.Random) -> None:
+def interrupt(stage: Any, actor: Any, rng: random.Random) -> None:
     actor.signal(signal.SIGINT)
 
 
-def forked(stage: Any, actor: Any, rng: random.Random) -> None:
+def fork(stage: Any, actor: Any, rng: random.Random) -> None:
     actor.signal(signal.SIGUSR1)
 
 
-def stood_still(stage: Any, actor: Any, rng: random.Random) -> None:
+def stop(stage: Any, actor: Any, rng: random.Random) -> None:
     actor.signal(signal.SIGSTOP)
     time.sleep(LONG_STOP)
     actor.signal(signal.SIGCONT)
 
 
-def posted(stage: Any, actor: Any, rng: random.Random) -> None:
+def post(stage: Any, actor: Any, rng: random.Random) -> None:
     """Post up to three tokens to the lock, to the event semaphore, or to both."""
     name = region_name(stage.topic)
     for semaphore in rng.choice(((name,), (event_name(name),), (name, event_name(name)))):
@@ -127,15 +127,15 @@ def posted(stage: Any, actor: Any, rng: random.Random) -> None:
             opened.close()
 
 
-GENTLE = (interrupted, forked)
-"""After these alone nobody had to heal anything."""
-DURING = (interrupted, interrupted, interrupted, forked, forked, forked, posted, posted, posted, stood_still)
+GENTLE = (interrupt, fork)
+"""Mishaps that alone never make a recovery of the lock necessary."""
+DURING = (interrupt, interrupt, interrupt, fork, fork, fork, post, post, post, stop)
 
 
-# --- where no process is left --------------------------------------------------------------------------------
+# --- when no process is left ---------------------------------------------------------------------------------
 
 
-def cut_short(stage: Any, rng: random.Random) -> Iterator[str]:
+def truncate_region(stage: Any, rng: random.Random) -> Iterator[str]:
     """Truncate a region that a process uses. Yield a fault if a later process or a tool crashes.
 
     The process that has the region mapped may crash.
@@ -147,15 +147,15 @@ def cut_short(stage: Any, rng: random.Random) -> Iterator[str]:
         size = rng.choice((0, 1, 100, 191, 192, 193, _PAGE - 1, _PAGE, max(0, file.stat().st_size - 1)))
         os.truncate(file, size)
     time.sleep(0.02)
-    yield from _looked_at(stage)
+    yield from _run_tools(stage)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    yield from _opened(stage, "a region that was cut short")
+    yield from _try_to_open(stage, "a region that was cut short")
     yield from _clean_all(stage, known=not 0 < size < _MAGIC)
-    yield from _opened(stage, "no region", must_work=True)
+    yield from _try_to_open(stage, "no region", must_work=True)
 
 
-def foreign_file(stage: Any, rng: random.Random) -> Iterator[str]:
+def place_foreign_file(stage: Any, rng: random.Random) -> Iterator[str]:
     """Create a foreign file under a name of the region or a semaphore. Yield the faults of processes that open it."""
     name = region_name(stage.topic)
     place = Path(rng.choice((region_file(name), semaphore_file(name), semaphore_file(event_name(name)))))
@@ -174,8 +174,8 @@ def foreign_file(stage: Any, rng: random.Random) -> Iterator[str]:
             data = {"empty": b"", "zeros": bytes(size), "noise": rng.randbytes(size), "ones": b"\xff" * size}
             place.write_bytes(data.get(kind, rng.randbytes(1 << 20)))
     before = Path("/etc/hostname").read_bytes()
-    yield from _opened(stage, f"a {kind} as {place.name.partition('.')[0]}")
-    yield from _looked_at(stage)
+    yield from _try_to_open(stage, f"a {kind} as {place.name.partition('.')[0]}")
+    yield from _run_tools(stage)
     if Path("/etc/hostname").read_bytes() != before:
         yield "a link was followed and written to"
     if place.is_dir() and not place.is_symlink():
@@ -183,10 +183,10 @@ def foreign_file(stage: Any, rng: random.Random) -> Iterator[str]:
     else:
         place.unlink(missing_ok=True)
     _unlink_all(stage)
-    yield from _opened(stage, "no region", must_work=True)
+    yield from _try_to_open(stage, "no region", must_work=True)
 
 
-def full(stage: Any, rng: random.Random) -> Iterator[str]:
+def fill_shm(stage: Any, rng: random.Random) -> Iterator[str]:
     """Open and publish in a small /dev/shm that is full. Yield the faults.
 
     The /dev/shm belongs to a child process in its own mount namespace, which only root can create.
@@ -196,8 +196,8 @@ def full(stage: Any, rng: random.Random) -> Iterator[str]:
     out, into = os.pipe()
     child = _fork(lambda: _in_small(stage, rng, into))
     os.close(into)
-    with open(out) as said:
-        yield from said.read().splitlines()
+    with open(out) as report:
+        yield from report.read().splitlines()
     os.waitpid(child, 0)
 
 
@@ -207,13 +207,13 @@ def _in_small(stage: Any, rng: random.Random, into: int) -> None:
         return
     kind = stage.kinds[0]
     size = header_for(kind._type_name_, kind._digest_, ctypes.sizeof(kind), stage.depth).size
-    room = size + 40 * _PAGE
-    for command in (["mount", "--make-rprivate", "/"], ["mount", "-t", "tmpfs", "-o", f"size={room}", "x", "/dev/shm"]):
+    cap = size + 40 * _PAGE
+    for command in (["mount", "--make-rprivate", "/"], ["mount", "-t", "tmpfs", "-o", f"size={cap}", "x", "/dev/shm"]):
         if subprocess.run(command, capture_output=True, check=False).returncode:
             return
     filler, file = Path("/dev/shm/filler"), Path(region_file(region_name(stage.topic)))
     for _ in range(10):
-        filler.write_bytes(bytes(max(0, room - rng.randint(0, size // _PAGE + 6) * _PAGE)))
+        filler.write_bytes(bytes(max(0, cap - rng.randint(0, size // _PAGE + 6) * _PAGE)))
         try:
             with stage.kinds[1](stage.topic, depth=stage.depth) as publisher, suppress(ShmError):
                 publisher.publish(stage.sample(publisher.sequence + 1))
@@ -223,17 +223,17 @@ def _in_small(stage: Any, rng: random.Random, into: int) -> None:
         except BaseException as error:
             os.write(into, f"full: {error!r}\n".encode())
         if stage.program and rng.random() < 0.3:
-            os.write(into, "\n".join(_opened_by_cpp(stage, "full", must_work=False)).encode())
+            os.write(into, "\n".join(_try_to_open_in_cpp(stage, "full", must_work=False)).encode())
         filler.unlink()
         with stage.kinds[1](stage.topic, depth=stage.depth) as publisher:
             publisher.publish(stage.sample(publisher.sequence + 1))
         _unlink_all(stage)
 
 
-BETWEEN = (cut_short, foreign_file, foreign_file, full)
+BETWEEN = (truncate_region, place_foreign_file, place_foreign_file, fill_shm)
 
 
-# --- what all of them use ------------------------------------------------------------------------------------
+# --- helpers -------------------------------------------------------------------------------------------------
 
 
 def _use(stage: Any, pause: float, for_ever: bool = False) -> None:
@@ -244,15 +244,15 @@ def _use(stage: Any, pause: float, for_ever: bool = False) -> None:
         while True:
             number = publisher.sequence + 1
             publisher.publish(stage.sample(number))
-            got = subscriber.wait(0.0)
-            if got is None or got.number != number:
-                stage.complain(f"after a mishap: sample {number} was published and {got and got.number} was read")
+            sample = subscriber.wait(0.0)
+            if sample is None or sample.number != number:
+                stage.complain(f"after a mishap: sample {number} was published and {sample and sample.number} was read")
             if not for_ever:
                 return
             time.sleep(pause)
 
 
-def _opened(stage: Any, what: str, must_work: bool = False) -> Iterator[str]:
+def _try_to_open(stage: Any, what: str, must_work: bool = False) -> Iterator[str]:
     """Let a child process open publisher and subscriber. Yield a fault if it hangs, crashes or reports no reason.
 
     If `must_work` is true, a refusal is a fault as well.
@@ -272,18 +272,18 @@ def _opened(stage: Any, what: str, must_work: bool = False) -> Iterator[str]:
         if time.monotonic() > end:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
-            yield f"{what}: who opens it hangs"
+            yield f"{what}: opening it hangs"
             return
         time.sleep(0.001)
     if done[1]:
-        yield f"{what}: who opens it ends with {os.waitstatus_to_exitcode(done[1])}"
+        yield f"{what}: the process that opens it ends with {os.waitstatus_to_exitcode(done[1])}"
     if stage.program:
-        yield from _opened_by_cpp(stage, what, must_work)
+        yield from _try_to_open_in_cpp(stage, what, must_work)
     if must_work:
         _unlink_all(stage)
 
 
-def _opened_by_cpp(stage: Any, what: str, must_work: bool) -> Iterator[str]:
+def _try_to_open_in_cpp(stage: Any, what: str, must_work: bool) -> Iterator[str]:
     """Let the C++ program open a publisher. Yield a fault if it hangs, crashes or reports no reason."""
     out, into = os.pipe()
     place, end = 3, time.monotonic() + HANGS
@@ -295,13 +295,13 @@ def _opened_by_cpp(stage: Any, what: str, must_work: bool) -> Iterator[str]:
     if not done[0]:
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-    with open(out) as said:
-        text = said.read().strip()
+    with open(out) as report:
+        text = report.read().strip()
     if done[1] or (must_work and not stage.moves[place]) or not (text or stage.moves[place]):
         yield f"{what}: C++ ends with {os.waitstatus_to_exitcode(done[1])} after {stage.moves[place]} samples: {text}"
 
 
-def _looked_at(stage: Any) -> Iterator[str]:
+def _run_tools(stage: Any) -> Iterator[str]:
     """Run the tools on the topic, and yield a fault if one of them crashes."""
     with tempfile.TemporaryDirectory() as folder:
         for command in (

@@ -32,7 +32,7 @@ _WORDS = (
 )
 
 
-def tells(stage: Any) -> None:
+def dump_stack_on_signal(stage: Any) -> None:
     """Let this process write its stack to a file when it receives SIGUSR2."""
     faulthandler.register(signal.SIGUSR2, file=stage.stacks, all_threads=False)
 
@@ -56,21 +56,21 @@ class Surplus:
         return self._lock is not None
 
 
-def found(stage: Any, cast: list[Any], before: list[int]) -> str:
+def describe(stage: Any, cast: list[Any], before: list[int]) -> str:
     """Return a text about all processes. A process that continues may block another, so all are listed."""
-    lines = [_one(actor, moves) for actor, moves in zip(cast, before, strict=True)]
-    return "\n  ".join([_region(stage), *lines])
+    lines = [_describe_actor(actor, moves) for actor, moves in zip(cast, before, strict=True)]
+    return "\n  ".join([_describe_region(stage), *lines])
 
 
-def who_is_in_the_way(stage: Any, error: Exception) -> None:
+def report_claim_holder(stage: Any, error: Exception) -> None:
     """Report a fault with the stack and the state of the process that still holds the claim."""
-    found = re.search(r"process (\d+)", str(error))
-    where = _stack(stage, int(found[1])) if found else "?"
-    status = Path(f"/proc/{found[1]}/status").read_text() if found else ""
-    stage.complain(f"{error!r}: {where}; {re.findall(r'(?:State|PPid|Sig...|voluntary.*):.*', status)}")
+    match = re.search(r"process (\d+)", str(error))
+    stack = _stack(stage, int(match[1])) if match else "?"
+    status = Path(f"/proc/{match[1]}/status").read_text() if match else ""
+    stage.complain(f"{error!r}: {stack}; {re.findall(r'(?:State|PPid|Sig...|voluntary.*):.*', status)}")
 
 
-def _one(actor: Any, before: int) -> str:
+def _describe_actor(actor: Any, before: int) -> str:
     text = f"{actor.work.__name__}, process {actor.pid} ({actor.state()}), {actor.moves - before} samples since"
     if actor.interpreted:
         text += f": {_stack(actor.stage, actor.pid)}"
@@ -90,7 +90,7 @@ def _stack(stage: Any, pid: int) -> str:
     return " < ".join(frame.strip().replace(str(Path.cwd()), "") for frame in frames) or "does not answer"
 
 
-def _region(stage: Any) -> str:
+def _describe_region(stage: Any) -> str:
     name = region_name(stage.topic)
     try:
         header = read_header(name)._asdict()

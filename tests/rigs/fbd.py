@@ -28,8 +28,8 @@ direction = "from_plc"
 """
 
 
-class Placed(NamedTuple):
-    """A block in the drawing. `given` are the texts at its inputs, and `taken` the texts at its outputs.
+class PlacedBlock(NamedTuple):
+    """A block in the drawing. `inputs` are the texts at its inputs, and `outputs` the texts at its outputs.
 
     `x` and `y` are the position of its frame.
     """
@@ -39,11 +39,11 @@ class Placed(NamedTuple):
     x: int
     y: int
     width: int
-    given: dict[str, str]
-    taken: dict[str, str]
+    inputs: dict[str, str]
+    outputs: dict[str, str]
 
     def pins(self, keyword: str) -> list[str]:
-        return [one.name for part in self.unit.sections if part.keyword == keyword for one in part.variables]
+        return [pin.name for part in self.unit.sections if part.keyword == keyword for pin in part.variables]
 
     @property
     def height(self) -> int:
@@ -65,23 +65,23 @@ def blocks(folder: Path) -> str:
     texts = pipeline.generate(load(folder / "shmgen.toml", "shmgen.toml", Report()), [])
     units = {Path(path).stem: text for path, text in texts.items() if Path(path).name.startswith("FB_")}
 
-    def placed(instance: str, name: str, x: int, y: int, given: dict[str, str], taken: dict[str, str]) -> Placed:
+    def place(instance: str, name: str, x: int, y: int, inputs: dict[str, str], outputs: dict[str, str]) -> PlacedBlock:
         unit = reader.read(name, units[name])
         assert isinstance(unit, Unit)
-        return Placed(instance, unit, x, y, 290, given, taken)
+        return PlacedBlock(instance, unit, x, y, 290, inputs, outputs)
 
     enabled = {"xEnable": "TRUE"}
-    read = placed(
+    read = place(
         "fbTarget", "FB_geometry_msgs_Pose_Subscriber", 140, 92,
         {**enabled, "sTopic": "'/robot/target'", "tTimeout": "T#200ms"}, {"xStale": "xRobotGone", "Msg": "stTarget"},
     )  # fmt: skip
-    sent = placed(
+    sent = place(
         "fbSpeed", "FB_std_msgs_Float64_Publisher", 600, 92,
         {**enabled, "sTopic": "'/conveyor/speed'", "Msg": "stSpeed"}, {"xSent": "", "eErrorID": "eWhy"},
     )  # fmt: skip
     sheet = (read, sent)
-    height = max(one.y + one.height for one in sheet) + 40
-    return "\n".join([*_head(height), *(line for one in sheet for line in _box(one)), "</svg>", ""])
+    height = max(block.y + block.height for block in sheet) + 40
+    return "\n".join([*_head(height), *(line for block in sheet for line in _box(block)), "</svg>", ""])
 
 
 def _head(height: int) -> Iterator[str]:
@@ -97,16 +97,16 @@ def _head(height: int) -> Iterator[str]:
     yield '<text x="20" y="52" class="note">Drawn from the generated Structured Text, not a screenshot.</text>'
 
 
-def _box(one: Placed) -> Iterator[str]:
-    middle = one.x + one.width // 2
-    yield f'<rect x="{one.x}" y="{one.y}" width="{one.width}" height="{one.height}" class="box"/>'
-    yield f'<text x="{middle}" y="{one.y - 7}" text-anchor="middle">{one.instance}</text>'
-    yield f'<text x="{middle}" y="{one.y + 18}" text-anchor="middle" class="type">{one.unit.name}</text>'
-    for keyword, side, values in (("VAR_INPUT", -1, one.given), ("VAR_OUTPUT", 1, one.taken)):
-        assert set(values) <= set(one.pins(keyword)), values
+def _box(block: PlacedBlock) -> Iterator[str]:
+    middle = block.x + block.width // 2
+    yield f'<rect x="{block.x}" y="{block.y}" width="{block.width}" height="{block.height}" class="box"/>'
+    yield f'<text x="{middle}" y="{block.y - 7}" text-anchor="middle">{block.instance}</text>'
+    yield f'<text x="{middle}" y="{block.y + 18}" text-anchor="middle" class="type">{block.unit.name}</text>'
+    for keyword, side, values in (("VAR_INPUT", -1, block.inputs), ("VAR_OUTPUT", 1, block.outputs)):
+        assert set(values) <= set(block.pins(keyword)), values
         anchor = "start" if side < 0 else "end"
-        for pin in one.pins(keyword):
-            x, y = one.at(pin)
+        for pin in block.pins(keyword):
+            x, y = block.at(pin)
             yield f'<text x="{x - 8 * side}" y="{y + 4}" text-anchor="{anchor}">{pin}</text>'
             yield f'<path d="M{x} {y} h{12 * side}" class="wire"/>'
             if value := values.get(pin):

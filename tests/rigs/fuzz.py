@@ -2,7 +2,7 @@
 
 The seeds are the corpus of real definitions, and for foreign files the seeds of tests/support/foreign.py. Each input
 must result in a schema or in a diagnostic, in a short time. Every 50th valid definition goes through all stages. Inputs
-that fail are kept in .fuzz/.
+that fail are stored in .fuzz/.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from tests.support import REPOSITORY, SHARED
 from tests.support.definitions import KINDS, SOURCES, TOKENS, Fuzzed, generated, read
 
 SLOW = 10
-"""Seconds for one input, of the wall clock; libFuzzer knows no other."""
+"""The timeout of one input in seconds of wall-clock time, because libFuzzer does not measure CPU time."""
 
 
 def main(seconds: int, kind: str) -> None:
-    kept = REPOSITORY / ".fuzz"
-    seeds = kept / f"seeds-{kind}"
+    results = REPOSITORY / ".fuzz"
+    seeds = results / f"seeds-{kind}"
     seeds.mkdir(parents=True, exist_ok=True)
-    begins = first_seeds() if kind == "definitions" else foreign.seeds(kind)
-    for number, seed in enumerate(begins):
+    contents = first_seeds() if kind == "definitions" else foreign.seeds(kind)
+    for number, seed in enumerate(contents):
         (seeds / f"{number:03d}").write_bytes(seed)
-    dictionary = kept / f"words-{kind}"
+    dictionary = results / f"words-{kind}"
     tokens = TOKENS if kind == "definitions" else foreign.TOKENS
-    dictionary.write_text("".join(f'"{escaped(token)}"\n' for token in dict.fromkeys(tokens)))
-    options = [f"-max_total_time={seconds}", f"-timeout={SLOW}", f"-artifact_prefix={kept}/{kind}-"]
+    dictionary.write_text("".join(f'"{escape(token)}"\n' for token in dict.fromkeys(tokens)))
+    options = [f"-max_total_time={seconds}", f"-timeout={SLOW}", f"-artifact_prefix={results}/{kind}-"]
     options += [f"-dict={dictionary}", "-max_len=4096", "-print_final_stats=1", str(seeds)]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -54,7 +54,7 @@ def first_seeds() -> list[bytes]:
     return [bytes([first]) + file.read_bytes() for first, file in zip(firsts, files, strict=True)]
 
 
-def escaped(token: str) -> str:
+def escape(token: str) -> str:
     return "".join(f"\\x{byte:02x}" for byte in token.encode() or b" ")
 
 

@@ -17,11 +17,11 @@ from tests.explorer.faults import TESTED, Fault
 from tests.support.mutation_worker import Worker
 
 SECONDS = 120
-"""For each test, at most."""
+"""The timeout of each test."""
 
 
-def tried(worker: Worker, fault: Fault) -> str:
-    """Return the result of a fault's test: killed, hung or lives. If the test fails without the fault, return this."""
+def run_fault(worker: Worker, fault: Fault) -> str:
+    """Return the result of a fault's test: killed, hung or lives. Report a test that fails without the fault."""
     path = next((worker.copy / "templates").rglob(fault.file))
     text = path.read_text()
     if worker.try_text(path, text.encode(), [fault.test], SECONDS, pure=False) != "lives":
@@ -37,12 +37,12 @@ def main() -> None:
         os.chmod(folder, 0o755)
         worker = Worker(Path(folder))
         try:
-            ends = [tried(worker, fault) for fault in faults]
+            results = [run_fault(worker, fault) for fault in faults]
         finally:
             worker.close()
-    for fault, how in zip(faults, ends, strict=True):
+    for fault, how in zip(faults, results, strict=True):
         print(f"{fault.name}: {how} by {fault.test}" if how == "killed" else f"{fault.name}: {how}")
-    sys.exit(any(how != "killed" for how in ends))
+    sys.exit(any(how != "killed" for how in results))
 
 
 if __name__ == "__main__":

@@ -27,9 +27,9 @@ TOPICS = 64
 DEPTH = 16
 PERIOD = 0.001
 GROWTH = 1024
-"""KiB that a process may take more at its end than after its first tenth: one more arena of Python's allocator.
+"""The largest growth of a process in KiB after the first tenth of the time: one arena of Python's allocator.
 
-A leak of 16 bytes a sample would be 1,500 in three seconds, where the machine is so busy that half of them are missed.
+A leak of 16 bytes per sample is 1,500 KiB in three seconds, even if the machine is so busy that half are missed.
 """
 
 
@@ -66,7 +66,7 @@ def write(names: list[str], seconds: float) -> int:
         for writer in writers:
             writer.publish(message)
 
-    grown = _paced(cycle, seconds, late)
+    grown = _run_paced(cycle, seconds, late)
     print(f"writer: {writers[0].sequence} cycles of {TOPICS} samples, {late[0]} late by more than 1 ms, {grown.text}")
     return int(grown.kib > GROWTH)
 
@@ -78,7 +78,7 @@ def read(readers: list[Any], pid: int, seconds: float) -> int:
         for place, reader in enumerate(readers):
             count[place] += len(reader.read_all())
 
-    grown = _paced(cycle, seconds, [0])
+    grown = _run_paced(cycle, seconds, [0])
     _, status = os.waitpid(pid, 0)
     cycle()
     missed = sum(reader.missed for reader in readers)
@@ -88,7 +88,7 @@ def read(readers: list[Any], pid: int, seconds: float) -> int:
     return int(os.waitstatus_to_exitcode(status) or grown.kib > GROWTH or sum(count) + missed != written)
 
 
-def _paced(cycle: Callable[[], None], seconds: float, late: list[int]) -> SimpleNamespace:
+def _run_paced(cycle: Callable[[], None], seconds: float, late: list[int]) -> SimpleNamespace:
     """Call `cycle` each millisecond. Return the growth in KiB since the first tenth of the time, and a report."""
     start, busy = time.monotonic(), _busy()
     before: int | None = None

@@ -2,11 +2,11 @@
 
     python -m tests.rigs.load_bridge --seconds 30 --backend ros2 --backend ros2_cpp
 
-Ten topics have 100 Hz and one has 1 kHz. The first run uses a plain echo without shmgen: in rospy, in rclpy of Jazzy
-with `--backend ros2`, in zenoh with `--backend zenoh`, or in cyclonedds with `--backend dds`, with a second echo that
-does not decode the bytes. The next run uses the bridge, the regions, and an echo in Python between the regions. The
-last run is the same, while service calls wait for a PLC that does not exist. `ros2_cpp` replaces the bridge by the
-generated node in C++ (`-t ros2_cpp`). The exit code is 1 if the bridge lost a message without counting it.
+Ten topics have 100 Hz and one has 1 kHz. The first run uses a plain echo without shmgen: in rospy, in rclpy of Jazzy,
+in zenoh, or in cyclonedds. With `--backend dds`, a second echo does not decode the bytes. The next run uses the bridge,
+the regions, and an echo in Python between the regions. The last run is the same, while service calls wait for a PLC
+that does not exist. `ros2_cpp` replaces the bridge by the generated node in C++ (`-t ros2_cpp`). The exit code is 1 if
+the bridge lost a message without counting it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ..support.ros1 import Graph
 Ros = Graph | Domain | ros2.Graph | zenoh.Graph
 BACKENDS = ("ros1", "ros2", "ros2_cpp", "dds", "zenoh")
 DEPTH = 255
-"""Of each region: a quarter of a second of the fast topic, so that a busy machine has no excuse."""
+"""The depth of each region: a quarter of a second of the fast topic, for pauses of a busy machine."""
 RATES = {f"t{number}": 100 for number in range(10)} | {"fast": 1000}
 SETTLE = 1.0
 """Seconds in which the last messages arrive."""
@@ -66,8 +66,8 @@ class Result:
 
     def __str__(self) -> str:
         late = self.run.latencies
-        both = [late["fast"], [one for name in late for one in late[name] if name != "fast"]]
-        times = "  ".join(f"{1e3 * part(times, 0.5):8.2f}{1e3 * part(times, 0.99):8.2f}" for times in both)
+        both = [late["fast"], [seconds for name in late for seconds in late[name] if name != "fast"]]
+        times = "  ".join(f"{1e3 * quantile(times, 0.5):8.2f}{1e3 * quantile(times, 0.99):8.2f}" for times in both)
         memory = self.run.memory
         spent = ", ".join(f"{name} {100 * share:.0f} % {memory[name]} MiB" for name, share in self.run.cpu.items())
         return (
@@ -86,18 +86,18 @@ def main() -> None:
     print(f"{'':<22}{'':>8}{'':>8}{'':>9}{'':>6}  {'1 kHz, ms':>16}  {'100 Hz, ms':>16}  CPU of one core, memory")
     heads = "".join(f"{head:>{width}}" for head, width in (("sent", 8), ("missed", 8), ("by sink", 9), ("lost", 6)))
     print(f"{'there and back':<22}{heads}  {'p50':>8}{'p99':>8}  {'p50':>8}{'p99':>8}")
-    sys.exit(1 if sum([compared(backend, arguments.seconds) for backend in arguments.backend]) else 0)
+    sys.exit(1 if sum([measure(backend, arguments.seconds) for backend in arguments.backend]) else 0)
 
 
-def compared(backend: str, seconds: float) -> int:
+def measure(backend: str, seconds: float) -> int:
     """Print a line for each echo and for each bridge of a backend. Return how many messages the bridges lost."""
     space, lost = f"/load{os.getpid()}", 0
     print(backend)
     with tempfile.TemporaryDirectory() as folder:
-        graph = made(backend, Path(folder))
+        graph = make_graph(backend, Path(folder))
         try:
             for role, name in graph.plain:
-                print(plain(graph, role, name, f"{space}/{role}", seconds), flush=True)
+                print(run_plain(graph, role, name, f"{space}/{role}", seconds), flush=True)
             for calls in (False, True):
                 result = bridged(graph, f"{space}/{'calls' if calls else 'shm'}", seconds, calls)
                 print(result, flush=True)
@@ -109,7 +109,7 @@ def compared(backend: str, seconds: float) -> int:
     return lost
 
 
-def made(backend: str, folder: Path) -> Ros:
+def make_graph(backend: str, folder: Path) -> Ros:
     """Return a ROS graph, or a DDS domain, that no other process uses."""
     number = 1 + os.getpid() % 100
     if backend == "ros1":
@@ -122,7 +122,7 @@ def made(backend: str, folder: Path) -> Ros:
     return kinds[backend](folder, number)
 
 
-def plain(graph: Ros, role: str, name: str, space: str, seconds: float) -> Result:
+def run_plain(graph: Ros, role: str, name: str, space: str, seconds: float) -> Result:
     """Measure an echo that does not use shmgen."""
     echo = peer(graph, role, space)
     return Result(name, run(graph, space, seconds, {"echo": echo.pid}), 0)
@@ -146,19 +146,19 @@ def bridged(graph: Ros, space: str, seconds: float, calls: bool = False) -> Resu
     assert echo.stdout.readline() == "ready\n"
     if calls:
         peer(graph, "caller", space)
-    ran = run(graph, space, seconds, {"bridge": bridge.process.pid, "echo": echo.pid})
+    result = run(graph, space, seconds, {"bridge": bridge.process.pid, "echo": echo.pid})
     missed = int(echo.communicate("\n")[0])
     bridge.stop(15)
     assert not calls or any(re.search(r"\d failed", line) for line in bridge.lines), "no call has waited"
     missed += sum(int(count) for line in bridge.lines for count in re.findall(r"(\d+) (?:missed|lost)", line))
-    return Result("while calls wait" if calls else "bridge, regions, back", ran, missed)
+    return Result("while calls wait" if calls else "bridge, regions, back", result, missed)
 
 
 def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> Run:
     """Send messages for `seconds`. Return the latencies, and the CPU time and memory of the processes in `watched`."""
     sink = peer(graph, "sink", space)
     source = peer(graph, "source", space, str(seconds))
-    time.sleep(SETTLE)  # connections from the echo to the sink
+    time.sleep(SETTLE)  # until the echo is connected to the sink
     begun, before = time.monotonic(), {name: busy(pid) for name, pid in watched.items()}
     source.stdin.write("\n")
     source.stdin.flush()
@@ -167,19 +167,19 @@ def run(graph: Ros, space: str, seconds: float, watched: dict[str, int]) -> Run:
     cpu = {name: (busy(pid) - before[name]) / took for name, pid in watched.items()}
     memory = {name: resident(pid) for name, pid in watched.items()}
     time.sleep(SETTLE)
-    said = json.loads(sink.communicate("\n")[0])
-    seen = said["seen"]
+    report = json.loads(sink.communicate("\n")[0])
+    seen = report["seen"]
     for name, rows in seen.items():
         numbers = [number for number, _ in rows]
         assert numbers == sorted(set(numbers)), f"{name}: out of order, or twice"
     late = {name: [took for _, took in rows] for name, rows in seen.items()}
-    return Run(sum(sent.values()), late, said["dropped"], cpu, memory)
+    return Run(sum(sent.values()), late, report["dropped"], cpu, memory)
 
 
 def peer(graph: Ros, *arguments: str) -> Any:
-    made = graph.start([graph.python, graph.load_peer, *arguments], stdin=subprocess.PIPE)
-    assert made.stdout.readline() in ("ready\n", "connected\n")
-    return made
+    process = graph.start([graph.python, graph.load_peer, *arguments], stdin=subprocess.PIPE)
+    assert process.stdout.readline() in ("ready\n", "connected\n")
+    return process
 
 
 def busy(pid: int) -> float:
@@ -193,7 +193,7 @@ def resident(pid: int) -> int:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 2**20
 
 
-def part(times: list[float], share: float) -> float:
+def quantile(times: list[float], share: float) -> float:
     return sorted(times)[int(share * (len(times) - 1))] if times else float("nan")
 
 

@@ -19,7 +19,7 @@ from ..ros2.test_control import SAFE, Cell, outcome, until
 from .load_bridge import busy, resident
 
 STALE = 0.1
-"""Seconds without a heartbeat, on both sides; the package's own default."""
+"""The timeout of a heartbeat in seconds on both sides, which is the default of the package."""
 
 
 def main() -> None:
@@ -31,9 +31,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         cell = Cell(Path(folder))
         try:
-            good = steady(cell, arguments.seconds)
-            for side, killed in (("PLC", plc_killed), ("controller", controller_killed)):
-                took = sorted(1e3 * killed(cell) for _ in range(arguments.kills))
+            good = run_steadily(cell, arguments.seconds)
+            for side, kill in (("PLC", kill_plc), ("controller", kill_controller)):
+                took = sorted(1e3 * kill(cell) for _ in range(arguments.kills))
                 middle, worst = took[len(took) // 2], took[-1]
                 print(f"{side} killed {len(took)} times: known after {middle:.0f} ms, at worst {worst:.0f}", flush=True)
         finally:
@@ -41,27 +41,27 @@ def main() -> None:
     sys.exit(0 if good else 1)
 
 
-def steady(cell: Cell, seconds: int) -> bool:
+def run_steadily(cell: Cell, seconds: int) -> bool:
     cell.plc()
     controller = cell.controller(1000 * seconds)
     until(controller, "running")
     begun, before = time.monotonic(), busy(controller.pid)
     time.sleep(seconds - 1)
     cpu, memory = (busy(controller.pid) - before) / (time.monotonic() - begun), resident(controller.pid)
-    found = outcome(controller)
-    p50, p99, worst = found["us"]
+    stats = outcome(controller)
+    p50, p99, worst = stats["us"]
     print(
-        f"{found['ok']:,} cycles at 1 kHz, {found['answered']:,} with an answer, {found['late']:,} of more than 20 ms, "
-        f"{found['wrong']} wrong; read + write p50 {p50} p99 {p99} worst {worst} us, {100 * cpu:.0f} % of a core, "
+        f"{stats['ok']:,} cycles at 1 kHz, {stats['answered']:,} with an answer, {stats['late']:,} of more than 20 ms, "
+        f"{stats['wrong']} wrong; read + write p50 {p50} p99 {p99} worst {worst} us, {100 * cpu:.0f} % of a core, "
         f"{memory} MiB",
         flush=True,
     )
     cell.kill()
-    return found["ok"] == 1000 * seconds and not found["wrong"]
+    return stats["ok"] == 1000 * seconds and not stats["wrong"]
 
 
-def plc_killed(cell: Cell) -> float:
-    """Kill the PLC. Return the seconds until the controller's `read` fails, after which the safe command is sent."""
+def kill_plc(cell: Cell) -> float:
+    """Measure the seconds from a kill of the PLC until the controller's `read` fails. Then the safe command is sent."""
     plc, controller = cell.plc(), cell.controller(60_000, SAFE)
     until(controller, "running")
     time.sleep(0.5)
@@ -73,8 +73,8 @@ def plc_killed(cell: Cell) -> float:
     return took
 
 
-def controller_killed(cell: Cell) -> float:
-    """Kill the controller. Return the seconds until the PLC's subscriber is stale."""
+def kill_controller(cell: Cell) -> float:
+    """Measure the seconds from a kill of the controller until the PLC's subscriber is stale."""
     cell.plc()
     controller = cell.controller(60_000)
     until(controller, "running")

@@ -35,19 +35,19 @@ PACKAGES = (
 )
 PYTEST = ("execnet", "iniconfig", "packaging", "pluggy", "pygments", "pytest", "pytest-timeout", "pytest-xdist")
 PURE = ("blark", "lark", "rosbags", *PYTEST)
-"""Of PyPI, and the same files for every machine; Debian 12's lark and pytest are too old."""
+"""Packages of PyPI without compiled parts. The lark and pytest of Debian 12 are too old."""
 BUILT = "posix_ipc"
-"""Of PyPI, and compiled there."""
+"""The package of PyPI that the machine itself compiles."""
 TESTS = ("tests/runtime", "tests/calls", "tests/tools")
 UNTESTED = "--ignore=tests/runtime/test_other_machine.py"
-"""Runs the same tests once more under other names."""
+"""Excludes a module that runs the same tests under other machine names."""
 SLOWER = 20
-"""Than without qemu-user, at the most."""
+"""The largest slowdown by qemu-user."""
 LIMIT = 300
-"""Seconds for a test, as in pyproject.toml."""
+"""The timeout of a test in seconds, as in pyproject.toml."""
 HOOK = "/usr/share/mmdebstrap/hooks/merged-usr"
 INSIDE = Path("/srv/shmgen")
-"""Where the checkout lies in each root."""
+"""The folder of the checkout in each root."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ MACHINES = {
     "riscv64": Machine("trixie", "riscv64", "riscv64"),
     "python3.14": Machine("forky", "amd64"),
 }
-"""`i686`: the same as i386, and a kernel of 32 bits says its name. `t64`: with a time of 64 bits."""
+"""`i686` is i386 with the machine name that a kernel of 32 bits reports. `t64` has a time of 64 bits."""
 NAMED = "named"
 
 
@@ -82,17 +82,17 @@ def main() -> None:
     """Test the given machines and print a line for each. The exit code is 1 if a test fails on one of them."""
     parser = argparse.ArgumentParser(description="The runtime, calls and tools on other machines.")
     parser.add_argument("machines", nargs="+", choices=[NAMED, *MACHINES], metavar="machine")
-    parser.add_argument("--folder", type=Path, default=Path("/var/tmp/shmgen-machines"), help="where roots are kept")
-    parser.add_argument("--seconds", type=float, default=20, help="of chaos; 0: none")
+    parser.add_argument("--folder", type=Path, default=Path("/var/tmp/shmgen-machines"), help="folder of the roots")
+    parser.add_argument("--seconds", type=float, default=20, help="duration of the chaos; 0: no chaos")
     own = sys.argv[1:]
-    told = own[own.index("--") + 1 :] if "--" in own else []
+    tests = own[own.index("--") + 1 :] if "--" in own else []
     options = parser.parse_args(own[: own.index("--")] if "--" in own else own)
     lines = []
     for name in options.machines:
         begun = time.monotonic()
-        say = named(told) if name == NAMED else inside(name, options.folder, told)
-        tested, summary = run(say.pytest)
-        chaos, verdict = run(say.chaos(options.seconds)) if options.seconds else (0, "")
+        commands = for_this_machine(tests) if name == NAMED else for_root(name, options.folder, tests)
+        tested, summary = run(commands.pytest)
+        chaos, verdict = run(commands.chaos(options.seconds)) if options.seconds else (0, "")
         lines.append((tested or chaos, f"{name}: {summary}; {verdict or 'no chaos'}; {time.monotonic() - begun:.0f} s"))
     print(*(line for _, line in lines), sep="\n")
     sys.exit(any(failed for failed, _ in lines))
@@ -103,15 +103,15 @@ class Commands:
     """The commands that run on a machine. `python` is the command of its Python, with the words that precede it."""
 
     python: tuple[str, ...]
-    told: list[str]
+    tests: list[str]
     without: tuple[str, ...] = ()
-    """Of chaos."""
+    """Options that exclude parts of the chaos."""
     slower: int = 1
 
     @property
     def pytest(self) -> tuple[str, ...]:
         limit = f"--timeout={self.slower * LIMIT}"
-        return *self.python, "-m", "pytest", "-p", "no:cacheprovider", limit, UNTESTED, *(self.told or TESTS)
+        return *self.python, "-m", "pytest", "-p", "no:cacheprovider", limit, UNTESTED, *(self.tests or TESTS)
 
     def chaos(self, seconds: float) -> tuple[str, ...]:
         return *self.python, "-m", "tests.rigs.chaos", "--seed", "1", "--seconds", str(seconds), *self.without
@@ -128,40 +128,40 @@ def run(command: tuple[str, ...]) -> tuple[int, str]:
     return process.returncode, last
 
 
-def named(told: list[str]) -> Commands:
+def for_this_machine(tests: list[str]) -> Commands:
     """Return the commands for this machine under another name. Only x86 guarantees the order of loads and stores."""
     other = "aarch64" if platform.machine() != "aarch64" else "riscv64"
-    return Commands(("env", f"{NAME}={other}", sys.executable), told)
+    return Commands(("env", f"{NAME}={other}", sys.executable), tests)
 
 
-def inside(name: str, folder: Path, told: list[str]) -> Commands:
+def for_root(name: str, folder: Path, tests: list[str]) -> Commands:
     """Return the commands for a machine in namespaces: its /dev/shm, processes and network end with the command."""
     machine = MACHINES[name]
-    root = made(machine, folder)
-    filled(root)
+    root = prepare_root(machine, folder)
+    copy_checkout(root)
     mounts = (
         f"mount --bind {root} {root}; mount --rbind /dev {root}/dev; mount -t tmpfs -o mode=1777 tmpfs {root}/dev/shm; "
         f"mount -t tmpfs -o mode=1777 tmpfs {root}/tmp; mount -t proc proc {root}/proc; ip link set lo up 2>/dev/null; "
     )
-    # Not chroot, which shows paths of other namespaces from the old root. The shell stays, the first of the processes:
-    # it buries orphans.
+    # pivot_root instead of chroot, which shows paths of other namespaces from the old root. The shell stays, because
+    # the first process must wait for orphans.
     turn = f'cd {root}; mkdir -p old; pivot_root . old; cd /; umount -l old; "$@"; code=$?; exit $code'
     enter = ("unshare", "-mnpf", "--kill-child", "sh", "-c", mounts + turn, "sh")
     slower = SLOWER if machine.emulator else 1
     variables = ("PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8", f"{PATIENCE}={slower}")
     command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, "python3")
-    return Commands(command, told, machine.without, slower)
+    return Commands(command, tests, machine.without, slower)
 
 
-def made(machine: Machine, folder: Path) -> Path:
+def prepare_root(machine: Machine, folder: Path) -> Path:
     """Return the root of a machine. Create it first if it does not exist."""
     root = folder / f"{machine.suite}-{machine.architecture}"
     if machine.emulator:
-        known(machine.emulator)
+        register_emulator(machine.emulator)
     if not (root / "etc/passwd").exists():
         folder.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(root, ignore_errors=True)
-        # A mirror may be a snapshot, which is never renewed.
+        # A mirror may be a snapshot, whose Release file has expired.
         options = [
             "--variant=extract",
             '--aptopt=Acquire::Check-Valid-Until "false"',
@@ -169,25 +169,25 @@ def made(machine: Machine, folder: Path) -> Path:
             f"--include={','.join(PACKAGES)}",
         ]
         subprocess.run(["mmdebstrap", *options, f"--hook-dir={HOOK}", machine.suite, root, *mirror()], check=True)
-        linked(root)
+        complete_installation(root)
     if not (root / "opt/built").is_dir():
-        brought(root)
+        add_python_packages(root)
     return root
 
 
 def mirror() -> list[str]:
     """Return the Debian mirror of this machine. Return an empty list on another system, so that mmdebstrap chooses."""
-    asked = ["apt-get", "indextargets", "--format", "$(SITE)", "Created-By: Packages", "Label: Debian"]
-    said = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split()
-    return said[:1]
+    command = ["apt-get", "indextargets", "--format", "$(SITE)", "Created-By: Packages", "Label: Debian"]
+    sites = subprocess.run(command, capture_output=True, text=True, check=False).stdout.split()
+    return sites[:1]
 
 
-def linked(root: Path) -> None:
+def complete_installation(root: Path) -> None:
     """Create the files and links that an installation would create, because the packages are only unpacked."""
     for name in ("passwd", "group"):
         shutil.copy(root / f"usr/share/base-passwd/{name}.master", root / "etc" / name)
-    known = sorted((root / "usr/share/ca-certificates/mozilla").glob("*.crt"))
-    (root / "etc/ssl/certs/ca-certificates.crt").write_bytes(b"".join(file.read_bytes() for file in known))
+    certificates = sorted((root / "usr/share/ca-certificates/mozilla").glob("*.crt"))
+    (root / "etc/ssl/certs/ca-certificates.crt").write_bytes(b"".join(file.read_bytes() for file in certificates))
     for library in ("blas", "lapack"):
         for file in root.glob(f"usr/lib/*/{library}/lib{library}.so.3"):
             link = file.parents[1] / file.name
@@ -198,14 +198,14 @@ def linked(root: Path) -> None:
             (root / "usr/bin" / short).symlink_to(tool)
 
 
-def brought(root: Path) -> None:
+def add_python_packages(root: Path) -> None:
     """Add the Python packages that Debian lacks: pure ones to /opt/pure, and compiled ones to /opt/built."""
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     subprocess.run([*pip, "install", "--no-deps", "--target", root / "opt/pure", *PURE], check=True)
     with tempfile.TemporaryDirectory(dir=root) as sources:
         subprocess.run([*pip, "download", "--no-deps", "--no-binary", BUILT, "-d", sources, BUILT], check=True)
         (source,) = Path(sources).iterdir()
-        there = Path("/", Path(sources).name, source.name)
+        archive = Path("/", Path(sources).name, source.name)
         install = ["python3", "-m", "pip", "install", "--no-index", "--no-deps", "--no-build-isolation"]
         command = [
             "chroot",
@@ -217,12 +217,12 @@ def brought(root: Path) -> None:
             *install,
             "--target",
             "/opt/built",
-            there,
+            archive,
         ]
         subprocess.run(command, check=True)
 
 
-def filled(root: Path) -> None:
+def copy_checkout(root: Path) -> None:
     """Copy this checkout into the root, and compile the extension there."""
     target = root / INSIDE.relative_to("/")
     shutil.rmtree(target, ignore_errors=True)
@@ -244,7 +244,7 @@ def filled(root: Path) -> None:
     subprocess.run(["chroot", root, "env", "-i", "PATH=/usr/bin", "sh", "-c", build], check=True)
 
 
-def known(emulator: str) -> None:
+def register_emulator(emulator: str) -> None:
     """Register an emulator with the kernel if it is not registered.
 
     The flag F keeps the emulator open, so that the root does not need to contain it.
@@ -253,8 +253,8 @@ def known(emulator: str) -> None:
     if not (folder / "register").exists():
         subprocess.run(["mount", "-t", "binfmt_misc", "binfmt_misc", folder], check=True)
     if not (folder / f"qemu-{emulator}").exists():
-        said = Path(f"/usr/lib/binfmt.d/qemu-{emulator}.conf").read_text().strip()
-        (folder / "register").write_text(said)
+        rule = Path(f"/usr/lib/binfmt.d/qemu-{emulator}.conf").read_text().strip()
+        (folder / "register").write_text(rule)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     python -m tests.rigs.mutants [FILE ...] [--sample N] [--seconds N] [--processes N]
 
-All happens in copies of the checkout. mutants.toml lists the tests for each file. It also explains why some mutants
-that live do no harm; these are not tried. A mutant first meets the fastest tests that run its line. If it lives, it
-meets all other tests that may run the line. The exit code is 1 if a mutant lives that mutants.toml does not explain.
+The rig works in copies of the checkout. mutants.toml lists the tests for each file. It also explains why some mutants
+that live do no harm; these are not tried. Each mutant is first tried with the fastest tests that run its line. If it
+lives, all other tests that may run the line follow. The exit code is 1 if an unexplained mutant lives.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ else:
 
 PLAN = REPOSITORY / "tests" / "rigs" / "mutants.toml"
 SLACK = 20
-"""Seconds that tests of a mutant may last beyond three times what they last without one."""
+"""Seconds that the tests of a mutant may take in addition to three times their usual duration."""
 QUICK = 2
-"""Seconds that the first tests of a mutant last together, at most."""
+"""The largest total duration in seconds of the first tests of a mutant."""
 
 
 @dataclass
-class Room:
+class Group:
     """A group of files, and the tests that may detect their mutants.
 
     `tests` run without the extension in C, and `native` with it. `known` has the lines that each test runs, and its
@@ -60,35 +60,35 @@ class Room:
         The second group has all other tests that may run the line. A test whose lines are not completely recorded may
         run any line. For code that runs when a module is loaded, return all tests.
         """
-        run, may = [], []
+        certain, possible = [], []
         for name, test in (self.known or {}).items():
             if any(mutant.line <= line <= mutant.last for line in test["lines"].get(mutant.file, ())):
-                run.append((test["seconds"], name))
+                certain.append((test["seconds"], name))
             elif test["elsewhere"]:
-                may.append((test["seconds"], name))
-        if not (run and mutant.where):
+                possible.append((test["seconds"], name))
+        if not (certain and mutant.where):
             return [(self.tests, self.seconds)]
-        run.sort()
+        certain.sort()
         first = 1
-        while first < len(run) and sum(seconds for seconds, _ in run[: first + 1]) < QUICK:
+        while first < len(certain) and sum(seconds for seconds, _ in certain[: first + 1]) < QUICK:
             first += 1
-        parts = [run[:first], run[first:] + may]
+        parts = [certain[:first], certain[first:] + possible]
         return [([name for _, name in part], sum(seconds for seconds, _ in part)) for part in parts if part]
 
 
-def plan() -> tuple[list[Room], list[dict[str, str]]]:
+def plan() -> tuple[list[Group], list[dict[str, str]]]:
     """Return the groups of files in mutants.toml, and the mutants that it explains.
 
     A file belongs to the first group that names it.
     """
-    said = tomllib.loads(PLAN.read_text())
+    table = tomllib.loads(PLAN.read_text())
     every = sorted(str(file.relative_to(REPOSITORY / CODE)) for file in (REPOSITORY / CODE).rglob("*.py"))
-    rooms: list[Room] = []
-    for entry in said["room"]:
-        taken = {file for room in rooms for file in room.files}
+    groups: list[Group] = []
+    for entry in table["room"]:
+        others = {file for group in groups for file in group.files}
         matching = [file for file in every if any(fnmatch(file, pattern) for pattern in entry["files"])]
-        rooms.append(Room([file for file in matching if file not in taken], entry["tests"], entry.get("native", [])))
-    return rooms, said.get("survivor", [])
+        groups.append(Group([file for file in matching if file not in others], entry["tests"], entry.get("native", [])))
+    return groups, table.get("survivor", [])
 
 
 def unexplained(mutants: list[Mutant], survivors: list[dict[str, str]]) -> tuple[list[Mutant], list[dict[str, str]]]:
@@ -99,32 +99,32 @@ def unexplained(mutants: list[Mutant], survivors: list[dict[str, str]]) -> tuple
     return [mutant for mutant in mutants if mutant.key not in keys], stale
 
 
-def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: float) -> Iterator[tuple[Mutant, str]]:
+def try_all(mutants: list[Mutant], groups: list[Group], processes: int, seconds: float) -> Iterator[tuple[Mutant, str]]:
     """Yield each mutant with its result: killed, hung, lives, or not tried because the time is over."""
     end = time.monotonic() + seconds
-    room_of = {file: room for room in rooms for file in room.files}
+    group_of = {file: group for group in groups for file in group.files}
     workers: SimpleQueue[Worker] = SimpleQueue()
 
-    def learn(room: Room) -> None:
+    def learn(group: Group) -> None:
         worker = workers.get()
         try:
-            room.seconds, room.known = worker.learn(room.tests, room.files)
+            group.seconds, group.known = worker.learn(group.tests, group.files)
         finally:
             workers.put(worker)
 
-    def one(mutant: Mutant) -> tuple[Mutant, str]:
+    def try_mutant(mutant: Mutant) -> tuple[Mutant, str]:
         if time.monotonic() > end:
             return mutant, "not tried"
         worker = workers.get()
         try:
-            how = "lives"
-            room = room_of[mutant.file]
-            for tests, spent in room.tests_of(mutant):
-                if how == "lives":
-                    how = worker.try_(mutant, tests, 3 * spent + SLACK)
-            if how == "lives" and room.native:
-                how = worker.try_(mutant, room.native, 3 * room.seconds + SLACK, pure=False)
-            return mutant, how
+            result = "lives"
+            group = group_of[mutant.file]
+            for tests, duration in group.tests_of(mutant):
+                if result == "lives":
+                    result = worker.try_(mutant, tests, 3 * duration + SLACK)
+            if result == "lives" and group.native:
+                result = worker.try_(mutant, group.native, 3 * group.seconds + SLACK, pure=False)
+            return mutant, result
         finally:
             workers.put(worker)
 
@@ -135,8 +135,8 @@ def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: flo
             workers.put(worker)
         try:
             with ThreadPoolExecutor(processes) as pool:
-                list(pool.map(learn, {id(room_of[mutant.file]): room_of[mutant.file] for mutant in mutants}.values()))
-                for job in as_completed([pool.submit(one, mutant) for mutant in mutants]):
+                list(pool.map(learn, {id(group_of[mutant.file]): group_of[mutant.file] for mutant in mutants}.values()))
+                for job in as_completed([pool.submit(try_mutant, mutant) for mutant in mutants]):
                     yield job.result()
         finally:
             for worker in every:
@@ -145,30 +145,30 @@ def tried(mutants: list[Mutant], rooms: list[Room], processes: int, seconds: flo
 
 def main() -> None:
     """Try the mutants. Print each mutant that lives, and a line for each file."""
-    parser = argparse.ArgumentParser(description="Lists the mutants that no test minds.")
+    parser = argparse.ArgumentParser(description="Lists the mutants that no test detects.")
     parser.add_argument("files", nargs="*", help="relative to src/shmgen, with * and ?; all that mutants.toml names")
-    parser.add_argument("--sample", type=int, help="so many, drawn at random")
+    parser.add_argument("--sample", type=int, help="number of mutants, selected at random")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no more are tried")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no further mutant is tried")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
-    given = parser.parse_args()
-    rooms, survivors = plan()
-    files = [file for room in rooms for file in room.files if any(fnmatch(file, p) for p in given.files or ["*"])]
+    args = parser.parse_args()
+    groups, survivors = plan()
+    files = [file for group in groups for file in group.files if any(fnmatch(file, p) for p in args.files or ["*"])]
     every = [mutant for file in files for mutant in mutants_of(file, (REPOSITORY / CODE / file).read_bytes())]
     mutants, _ = unexplained(every, survivors)
     print(f"{len(every)} mutants of {len(files)} files, {len(every) - len(mutants)} explained", flush=True)
-    if given.sample is not None and given.sample < len(mutants):
-        mutants = sorted(random.Random(given.seed).sample(mutants, given.sample))
+    if args.sample is not None and args.sample < len(mutants):
+        mutants = sorted(random.Random(args.seed).sample(mutants, args.sample))
     counts: dict[str, Counter[str]] = {file: Counter() for file in files}
-    for done, (mutant, how) in enumerate(tried(mutants, rooms, given.processes, given.seconds), 1):
-        counts[mutant.file][how] += 1
-        if how in ("lives", "hung"):  # a machine may be too busy for one that hangs, which is then no proof
-            print(f"{how}: {mutant}", flush=True)
+    for done, (mutant, result) in enumerate(try_all(mutants, groups, args.processes, args.seconds), 1):
+        counts[mutant.file][result] += 1
+        if result in ("lives", "hung"):  # on a busy machine, a hang proves nothing
+            print(f"{result}: {mutant}", flush=True)
         if done % 50 == 0:
             print(f"{done} of {len(mutants)}", flush=True)
     for file, count in counts.items():
         if count:
-            print(f"{file}: {', '.join(f'{number} {how}' for how, number in sorted(count.items()))}")
+            print(f"{file}: {', '.join(f'{number} {result}' for result, number in sorted(count.items()))}")
     total = sum(counts.values(), Counter())
     print(f"{total['killed']} killed, {total['hung']} hung, {total['lives']} live, {total['not tried']} not tried")
     sys.exit(bool(total["lives"]))

@@ -40,9 +40,9 @@ _ROW = re.compile(r"  (spin|event|poll) +(.+?) +(\d+\.\d) +(\d+\.\d) +\d+\.\d +\
 _FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 _LEFT, _WIDE, _LINE = 190, 530, 20
 _WINDOW = 1234, 436
-"""Pixels of the page, and of view.gif."""
+"""The size of the page and of view.gif in pixels."""
 _NAMES = {"C": "by hand, C", "C++": "shmgen, C++", "shmgen": "shmgen, Python", "by hand": "by hand, Python"}
-"""Who is meant by a row of the page's table."""
+"""The label of each row of the page's table."""
 _COLOURS = {**dict.fromkeys(("shmgen", "C++"), "#1b7f4d"), **dict.fromkeys(("by hand", "C"), "#7a9e8a")}
 
 
@@ -50,9 +50,9 @@ def main() -> None:
     with suppress(PermissionError):  # for curves without gaps on a busy machine
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
     (DOCS / "latency.svg").write_text(latency((DOCS / "performance.md").read_text()))
-    with tempfile.TemporaryDirectory() as made:
-        (DOCS / "blocks.svg").write_text(fbd.blocks(Path(made)))
-    with moving() as folder:
+    with tempfile.TemporaryDirectory() as name:
+        (DOCS / "blocks.svg").write_text(fbd.blocks(Path(name)))
+    with running_cell() as folder:
         (DOCS / "top.svg").write_text(top(folder))
         shots = asyncio.run(view(folder))
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -65,9 +65,9 @@ def latency(page: str) -> str:
     It shows messages of 56 bytes to a reader that sleeps: bars to the median, and lines to the 99th percentile.
     """
     rows = [
-        found.groups()
-        for found in map(_ROW.match, page[page.rindex("\n56 bytes at") :].partition("\n```")[0].splitlines())
-        if found
+        match.groups()
+        for match in map(_ROW.match, page[page.rindex("\n56 bytes at") :].partition("\n```")[0].splitlines())
+        if match
     ]
     rows = [(way, float(median), float(most)) for mode, way, median, most in rows if mode == "event"]
     height = 58 + _LINE * len(rows) + 40
@@ -125,28 +125,28 @@ def move(program: str) -> None:
             "conveyor": {"/cell/conveyor/speed": ("std_msgs/msg/Float64", 1, {"data": 0.25})},
         }[program]
 
-    known = ClassRegistry(Session(load(Path("shmgen.toml"), "shmgen.toml", Report())), None)
-    with ExitStack() as held:
-        made = {
-            topic: held.enter_context(publisher(known.message(kind), topic, depth))
+    registry = ClassRegistry(Session(load(Path("shmgen.toml"), "shmgen.toml", Report())), None)
+    with ExitStack() as stack:
+        publishers = {
+            topic: stack.enter_context(publisher(registry.message(kind), topic, depth))
             for topic, (kind, depth, _) in values(0.0).items()
         }
         print("moving", flush=True)
         begun = time.monotonic()
         while True:
             for topic, (_, _, data) in values(2 * (time.monotonic() - begun)).items():
-                made[topic].publish(parse.build(made[topic].message_type, data))
+                publishers[topic].publish(parse.build(publishers[topic].message_type, data))
             time.sleep(0.01 - (time.monotonic() - begun) % 0.01)
 
 
 @contextmanager
-def moving() -> Iterator[Path]:
+def running_cell() -> Iterator[Path]:
     """Run the programs of a cell while the `with` block runs. Yield their folder, which contains a shmgen.toml."""
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     with tempfile.TemporaryDirectory() as name, ExitStack() as running:
         folder = Path(name)
         folder.joinpath("shmgen.toml").write_text('[bounds]\n"sensor_msgs/JointState" = 6\n')
-        running.callback(lambda: [found.unlink() for found in Path("/dev/shm").glob("*cell.*")])
+        running.callback(lambda: [file.unlink() for file in Path("/dev/shm").glob("*cell.*")])
         for program in ("arm", "oven", "conveyor"):
             (folder / f"{program}.py").write_text(f"from tests.rigs.pictures import move\n\nmove({program!r})\n")
             process = running.enter_context(
@@ -192,26 +192,26 @@ async def view(folder: Path) -> list[tuple[bytes, int]]:
         try:
             async with Page() as page:
 
-                async def shoot(seconds: float, milliseconds: int) -> None:
+                async def take_picture(seconds: float, milliseconds: int) -> None:
                     await asyncio.sleep(seconds)
                     shots.append((await page.picture(), milliseconds))
 
                 await page.resize(*_WINDOW)
                 await page.open(server.stdout.readline().strip())
                 await page.until("/cell/oven/temperature")
-                await shoot(5, 2500)
+                await take_picture(5, 2500)
                 await page.click_on("/cell/arm/joints")
                 await page.until("position: 6 elements")
-                await shoot(1, 1200)
+                await take_picture(1, 1200)
                 await page.click_on("position: 6 elements")
                 for element in range(3):
                     await page.click_on(f" [{element}]: ")
                     for _ in range(3):
-                        await shoot(0.8, 600)
-                await shoot(5, 2500)
+                        await take_picture(0.8, 600)
+                await take_picture(5, 2500)
                 for tab in ("Memory", "Publish"):
                     await page.click_on(tab)
-                    await shoot(1.5, 2500)
+                    await take_picture(1.5, 2500)
         finally:
             server.terminate()
     return shots

@@ -10,8 +10,8 @@ The chaos does not touch the topics CALM, whose heartbeats must never pause for 
 be in exactly one counter of the bridge, all topics must work again without help, and memory and open descriptors must
 not have grown. If a heartbeat pauses for too long, the stacks of the bridge's threads are kept.
 
-With `--strangers`, a second bridge sends another definition to a quiet topic, offers best effort to a topic that is
-reliable, and reads messages of 1 MiB that the first bridge carries.
+With `--strangers`, a second bridge is incompatible. It sends another definition to a quiet topic, and offers best
+effort to a reliable topic. It also reads messages of 1 MiB that the first bridge carries.
 """
 
 from __future__ import annotations
@@ -49,31 +49,31 @@ from ..bridge.contract import FIBONACCI
 from ..support import REPOSITORY, zenoh
 from ..support.ros1 import Graph, wait_for
 from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew, words_of
-from .load_bridge import RATES, Ros, busy, made, peer
+from .load_bridge import RATES, Ros, busy, make_graph, peer
 
 LONGEST = 0.3
-"""Seconds that a heartbeat may stand still on a topic that nobody touched."""
+"""The longest allowed pause of a heartbeat in seconds, on a topic that the chaos does not touch."""
 QUIET = [f"q{number}" for number in range(5)]
-"""Topics towards the PLC on which nothing is sent: their heartbeat is the bridge's own."""
+"""Topics to the PLC without messages. Only the bridge sends their heartbeats."""
 TOUCHED = [f"t{number}" for number in range(5, 10)]
 CALM = [*QUIET, *(name for name in RATES if name not in TOUCHED)]
 WRITTEN = ("calm", "anew")
-"""Topics from the PLC that are written here; the region of the second is removed again and again."""
+"""Topics from the PLC that this rig publishes. It removes the region of the second topic every two seconds."""
 TYPE = "geometry_msgs/PoseStamped"
 OTHER = "geometry_msgs/Point"
 IMAGE, BOOL = "sensor_msgs/Image", "std_msgs/Bool"
 LARGE = 2**20
-"""Bytes of a large message."""
+"""The size of a large message in bytes."""
 STRANGERS = {"strange": "q0", "best_effort": "strict", "large_reader": "large"}
-"""Each topic of the second bridge, and the topic of the first bridge that it is in ROS."""
+"""Each topic of the second bridge, and the topic of the first bridge with the same ROS name."""
 FILL = "soak_fills_it"
 SETTLE = 4.0
 STACKS = 20_000
-"""Characters of stacks that are shown."""
+"""The number of printed characters of the stacks."""
 GROWTH = 12
-"""MiB that a bridge may take more at the end than after a third of its time."""
+"""The largest growth of the bridge in MiB after a third of its time."""
 GROWTH_OF_ZENOH = 40
-"""There, what waits after a cut holds the read it came in, and its room is kept: the most of some later burst."""
+"""The limit for zenoh. Messages that wait after a cut keep their read buffers, and this memory is not returned."""
 
 
 @dataclass
@@ -116,7 +116,7 @@ class Stage:
         action = graph.folder / "msgs" / "test_msgs" / "action" / "Fibonacci.action"
         action.parent.mkdir(parents=True)
         action.write_text(FIBONACCI)
-        graph.start, start = self._dumping(graph.start), graph.start  # type: ignore[method-assign]
+        graph.start, start = self._with_stack_dumps(graph.start), graph.start  # type: ignore[method-assign]
         self.bridge = graph.bridge(self._config([*RATES, *QUIET], services=True))
         graph.start = start  # type: ignore[method-assign]
         loaded = load(graph.folder / "shmgen.toml", "shmgen.toml", Report())
@@ -160,7 +160,7 @@ class Stage:
         """The file to which the bridge writes the stacks of its threads on SIGUSR2, even if the threads are blocked."""
         return self.graph.folder / "stacks"
 
-    def _dumping(self, start: Callable[..., Any]) -> Callable[..., Any]:
+    def _with_stack_dumps(self, start: Callable[..., Any]) -> Callable[..., Any]:
         lines = "import faulthandler, signal", f"faulthandler.register(signal.SIGUSR2, open({str(self.stacks)!r}, 'a'))"
         (self.graph.folder / "site").mkdir()
         (self.graph.folder / "site" / "sitecustomize.py").write_text("\n".join(lines))
@@ -227,37 +227,37 @@ class Stage:
         image = kind(data=bytes(LARGE))
         with publisher(kind, self.topic("large"), 2) as writer:
             while not self.stop.wait(0.2):
-                with suppress(ShmError):  # the lock
+                with suppress(ShmError):  # the lock is not free
                     writer.publish(image)
                     self.sent["large"] += 1
 
     def _write_strange(self, strange: Any, plain: Any) -> None:
-        """Publish what the second bridge sends to the first one."""
+        """Publish the messages that the second bridge sends to the first one."""
         with (
             publisher(strange, self.topic("strange"), 1) as first,
             publisher(plain, self.topic("best_effort"), 1) as second,
         ):
             while not self.stop.wait(0.05):
-                with suppress(ShmError):  # the lock
+                with suppress(ShmError):  # the lock is not free
                     first.publish(strange())
                     second.publish(plain())
 
     def _write(self) -> None:
         """Publish on two topics at 50 Hz. The region of the second topic is recreated every two seconds."""
-        kept, anew, due = self._writer("calm"), self._writer("anew"), time.monotonic() + 2
+        calm, recreated, due = self._writer("calm"), self._writer("anew"), time.monotonic() + 2
         while not self.stop.wait(0.02):
-            for name, writer in (("calm", kept), ("anew", anew)):
-                with suppress(ShmError):  # the lock
+            for name, writer in (("calm", calm), ("anew", recreated)):
+                with suppress(ShmError):  # the lock is not free
                     writer.publish(self.kind())
                     self.sent[name] += 1
             if time.monotonic() > due:
-                anew.close()
+                recreated.close()
                 file_of(self.topic("anew")).unlink()
                 while not self.stop.wait(0.05):
                     with suppress(ShmError):  # /dev/shm is full
-                        anew = self._writer("anew")
+                        recreated = self._writer("anew")
                         break
-                due = time.monotonic() + 2  # the bridge looks every 0.1 s, and must see each region
+                due = time.monotonic() + 2  # the bridge checks every 0.1 s, and must open each region
 
     def _writer(self, name: str) -> Any:
         return publisher(self.kind, self.topic(name), 64)
@@ -289,10 +289,10 @@ def take_over(stage: Stage, dice: random.Random) -> None:
 def make_anew(stage: Stage, dice: random.Random) -> None:
     """Recreate a region as a PLC would that stops afterwards."""
 
-    def by_a_plc(words: memoryview) -> None:
+    def set_writer(words: memoryview) -> None:
         words[h.WRITER] = h.PLC
 
-    made_anew(stage.touched(dice), by_a_plc)
+    made_anew(stage.touched(dice), set_writer)
 
 
 def remove(stage: Stage, dice: random.Random) -> None:
@@ -351,7 +351,7 @@ def cut_the_network(stage: Stage, dice: random.Random) -> None:
 
 
 def kill_the_master(stage: Stage, dice: random.Random) -> None:
-    """Kill the master of ROS 1, or the router of zenoh, and restart it after some time."""
+    """Restart the master of ROS 1, or the router of zenoh, after some time without it."""
     assert isinstance(stage.graph, (Graph, zenoh.Graph))
     stage.graph.stop_master()
     time.sleep(dice.uniform(0.1, 2.0))
@@ -377,7 +377,7 @@ def reload(stage: Stage, dice: random.Random) -> None:
 
 _OFTEN = (take_over, make_anew, remove, replace, fill, stop_a_peer, kill_a_peer, cut_the_network, kill_the_master)
 MISHAPS: tuple[Callable[[Stage, random.Random], None], ...] = (*_OFTEN, *_OFTEN, *_OFTEN, reload)
-"""A reload is the rarest: it reads all definitions."""
+"""A reload is rare, because it reads all definitions."""
 
 
 def run(graph: Ros, space: str, seconds: float, seed: int, longest: float, strangers: str = "") -> Verdict:
@@ -393,7 +393,7 @@ def run(graph: Ros, space: str, seconds: float, seed: int, longest: float, stran
     with Onlooker(map(stage.topic, CALM), longest, lambda: os.kill(pid, signal.SIGUSR2)) as looks:
         while time.monotonic() < begun + seconds:
             mishap = dice.choice(
-                [one for one in MISHAPS if one is not kill_the_master or hasattr(graph, "stop_master")]
+                [each for each in MISHAPS if each is not kill_the_master or hasattr(graph, "stop_master")]
             )
             mishap(stage, dice)
             verdict.mishaps[mishap.__name__] += 1
@@ -408,8 +408,8 @@ def run(graph: Ros, space: str, seconds: float, seed: int, longest: float, stran
         verdict.cpu = (busy(pid) - before) / (time.monotonic() - begun)
     verdict.gap = max(looks.longest.values())
     if verdict.gap >= longest:
-        where = stage.stacks.read_text() if stage.stacks.exists() else ""
-        verdict.complaints.append(f"heartbeats stood still: {looks.longest}\n{where[:STACKS]}")
+        stacks = stage.stacks.read_text() if stage.stacks.exists() else ""
+        verdict.complaints.append(f"heartbeats paused: {looks.longest}\n{stacks[:STACKS]}")
     stage.sent.update(json.loads(stage.source.stdout.readline()))
     stage.stop.set()
     for player in stage.players:
@@ -433,7 +433,7 @@ def judge(stage: Stage, verdict: Verdict) -> None:
             beat = words[h.HEARTBEAT]
             time.sleep(LONGEST)
             if words[h.WRITER] != stage.bridge.process.pid or words[h.HEARTBEAT] == beat:
-                verdict.complaints.append(f"{name} did not come back")
+                verdict.complaints.append(f"{name} was not restored")
     growth = GROWTH_OF_ZENOH if isinstance(stage.graph, zenoh.Graph) else GROWTH
     if verdict.memory[-1] > verdict.memory[1] + growth:
         verdict.complaints.append(f"it grew from {verdict.memory[1]:.0f} to {verdict.memory[-1]:.0f} MiB")
@@ -470,23 +470,23 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1200)
     parser.add_argument("--backend", choices=("ros1", "ros2", "dds", "zenoh"), default="dds")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--longest", type=float, default=LONGEST, help="of a gap, for machines that are busy")
-    parser.add_argument("--shm", type=int, default=48, help="MiB of the /dev/shm that the rig has for itself")
+    parser.add_argument("--longest", type=float, default=LONGEST, help="of a pause in seconds, for busy machines")
+    parser.add_argument("--shm", type=int, default=48, help="MiB of the rig's own /dev/shm")
     parser.add_argument("--strangers", action="store_true", help="add incompatible peers and messages of 1 MiB")
-    parser.add_argument("--own", action="store_true", help="is said by itself: /dev/shm and the network are its own")
-    given = parser.parse_args()
-    if not given.own:
-        mount = f"mount -t tmpfs -o size={given.shm}m,mode=1777 none /dev/shm"
+    parser.add_argument("--own", action="store_true", help="set by the rig itself in its own namespaces")
+    args = parser.parse_args()
+    if not args.own:
+        mount = f"mount -t tmpfs -o size={args.shm}m,mode=1777 none /dev/shm"
         begin = f'{mount}; ip link set lo up multicast on; exec "$@"'
         own = ["unshare", "-mn", "--propagation", "private", "sh", "-c", begin, "sh"]
         sys.exit(subprocess.call([*own, sys.executable, "-m", __spec__.name, *sys.argv[1:], "--own"]))
     with tempfile.TemporaryDirectory() as folder:
-        graph = made(given.backend, Path(folder))
+        graph = make_graph(args.backend, Path(folder))
         try:
-            verdict = run(graph, "/soak", given.seconds, given.seed, given.longest, given.backend * given.strangers)
+            verdict = run(graph, "/soak", args.seconds, args.seed, args.longest, args.backend * args.strangers)
         finally:
             graph.close()
-    print(f"{given.backend}: {verdict}")
+    print(f"{args.backend}: {verdict}")
     print(*verdict.complaints, sep="\n")
     sys.exit(1 if verdict.complaints else 0)
 

@@ -13,7 +13,7 @@ text { font: 14px system-ui, 'DejaVu Sans', sans-serif; fill: #1f2933; }
 .frame { fill: #fafbfc; stroke: #b8c2cc; } .lock { fill: #ffffff; stroke: #7cc47a; stroke-dasharray: 4 3; }
 .arrow { stroke: #52606d; stroke-width: 1.6; fill: none; marker-end: url(#tip); }"""
 _REGIONS = (("robot.pose", "Subscriber", True), ("conveyor.speed", "Publisher", False))
-"""File in /dev/shm, the block at it, and whether the PLC reads."""
+"""The file in /dev/shm, its function block, and True if the PLC reads."""
 
 
 def world() -> str:
