@@ -1,11 +1,11 @@
-"""Thousands of calls and goals between ends that are killed and updated meanwhile, from a seed.
+"""Thousands of calls and goals between a client and a server that are killed and updated meanwhile, from a seed.
 
     python -m tests.calls.chaos --calls 10000 --seed 1 [--scenes python_alone plc_serves ...] [--fault NAME]
 
-One server and one client, in Python or a PLC, each killed at random instants and started again at once. Sometimes an
-end comes back with another layout of the request, and the other end follows when it is killed next; sometimes the
-region of the requests is removed, or all regions when both are killed. The PLC is the generated Structured Text in the
-tests' soft PLC, in a process of its own. `--fault` plants a fault, which must be found: a block of
+One server and one client, in Python or a PLC, are killed at random instants and restarted at once. Sometimes an end
+restarts with another layout of the request; the other end gets this layout when it is killed next. Sometimes the region
+of the requests is removed, or all regions if both ends are killed. The PLC is the generated Structured Text in the
+tests' soft PLC, in a separate process. `--fault` plants a fault, which the run must detect: a block of
 tests/support/plc_calls.py, or a check that Python's runtime leaves out.
 """
 
@@ -51,23 +51,23 @@ from .chaos_ends import (
 )
 
 UPDATES, REMOVALS = 0.15, 0.15
-"""How often an end comes back with another layout, and how often the requests' region is removed before."""
+"""Probabilities that a killed end restarts with another layout, and that the requests' region is removed before."""
 
 
 @dataclass
 class Verdict:
-    """`ends` counts how calls ended: reply, failed, timeout, no server, cancelled, error of a region."""
+    """Result of a run. `ends` counts how calls ended: reply, failed, timeout, no server, cancelled, region error."""
 
     ends: Counter[str] = field(default_factory=Counter)
     kills: Counter[str] = field(default_factory=Counter)
     updates: int = 0
     removals: int = 0
-    complaints: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
     served: int = 0
 
 
 class Scene(NamedTuple):
-    """`hits` are drawn from; a PLC that was killed is back in a second, which is the time others watch for it."""
+    """Two ends, choices of ends to kill, and the longest pause. A killed PLC takes a second to claim its topics."""
 
     works: tuple[Work, Work]
     hits: tuple[tuple[int, ...], ...]
@@ -75,7 +75,7 @@ class Scene(NamedTuple):
 
 
 def _take_any_reply() -> None:
-    """Let a client in Python take the reply to another call as its own."""
+    """Let a client in Python accept the reply to another call as its own."""
 
     def own(client: Any, response: Any) -> Any:
         if response is not None:
@@ -86,12 +86,12 @@ def _take_any_reply() -> None:
 
 
 def _serve_old_calls() -> None:
-    """Let a server in Python serve the calls that it finds."""
+    """Let a server in Python serve calls that are older than the server."""
     runtime_server.skip_stale = lambda requests: None  # type: ignore[attr-defined]
 
 
 def _begin_at_one() -> None:
-    """Let a client in Python begin at 1 in each fresh region, and let no check look at the order of the numbers."""
+    """Let a client in Python begin at 1 in each new region, and switch off the check of the numbers' order."""
     engines.become_python()
     claim._begin_numbers = lambda topic, region: None
     chaos_ends.is_later = lambda number, than: True
@@ -113,15 +113,15 @@ SCENES = {
     "plc_sends_goals": Scene((act, plc_send_goals), _SERVER, 0.5),
     "plc_goals": Scene((plc_act, plc_send_goals), _EVEN, 2.0),
 }
-"""Server and client; who is hit; how long no one is at most, in seconds."""
+"""Server and client; choices of the ends to kill; the longest pause between two kills in seconds."""
 
 
 def run(folder: Path, scene: str, number: int, seed: int, fault: str = "", longest: float = 600.0) -> Verdict:
-    """Run `number` calls, or those of `longest` seconds."""
+    """Run `number` calls, but stop after `longest` seconds or at the first error."""
     verdict, storm = Verdict(), Storm(folder, SCENES[scene], random.Random(seed), fault)
     end = time.monotonic() + longest
     try:
-        while sum(verdict.ends.values()) < number and time.monotonic() < end and not verdict.complaints:
+        while sum(verdict.ends.values()) < number and time.monotonic() < end and not verdict.errors:
             due = time.monotonic() + storm.pause()
             while time.monotonic() < due:
                 time.sleep(0.005)
@@ -133,7 +133,7 @@ def run(folder: Path, scene: str, number: int, seed: int, fault: str = "", longe
 
 
 class Storm:
-    """The two ends of a scene, and what befalls them."""
+    """The two ends of a scene, which are killed, updated and restarted."""
 
     def __init__(self, folder: Path, scene: Scene, dice: random.Random, fault: str) -> None:
         self._scene, self._dice, self._fault = scene, dice, fault
@@ -145,13 +145,13 @@ class Storm:
         self._children = [self._child(place) for place in (0, 1)]
 
     def pause(self) -> float:
-        """Return the seconds until the next hit: longer behind an update, which a PLC's region takes a second for."""
+        """Return the seconds until the next hit. After an update, a PLC needs one second more for its region."""
         extra = 1.5 if self._is_updated and self._scene.pause > 0.3 else 0.0
         self._is_updated = False
         return extra + self._dice.uniform(0.02, self._scene.pause)
 
     def hit(self, verdict: Verdict) -> None:
-        """Kill one end or both, update and remove what the dice say, and start them again."""
+        """Stop one end or both with SIGKILL, sometimes update or remove regions, and restart the ends."""
         places = self._dice.choice(self._scene.hits)
         for place in places:
             _kill(self._children[place])
@@ -176,14 +176,14 @@ class Storm:
                 for kind, value in ENTRY.iter_unpack(data):
                     if kind == b"s":
                         if self._fault != "python_numbers" and not is_later(value, verdict.served):
-                            verdict.complaints.append(f"call {value} was served after call {verdict.served}")
+                            verdict.errors.append(f"call {value} was served after call {verdict.served}")
                         verdict.served = value
                     elif kind == b"w":
-                        verdict.complaints.append(f"question {value:08X} got the answer to another")
+                        verdict.errors.append(f"question {value:08X} got the answer to another")
                     elif kind == b"o":
-                        verdict.complaints.append(f"call {value} was there before the server that served it")
+                        verdict.errors.append(f"call {value} was there before the server that served it")
                     elif kind == b"l":
-                        verdict.complaints.append(f"a call lasted {value} ms too long")
+                        verdict.errors.append(f"a call lasted {value} ms too long")
                     else:
                         verdict.ends[kind.decode()] += 1
 
@@ -207,7 +207,7 @@ class Storm:
         return stage
 
     def _child(self, place: int) -> int:
-        """Start an end of the present version, which opens its regions again when they are gone."""
+        """Start an end of the present version, which reopens its regions when they were removed."""
         seed = self._dice.random()
         pid = os.fork()
         if pid:
@@ -236,28 +236,27 @@ def _kill(pid: int) -> None:
 
 
 def main() -> None:
-    """Exit code 1 if a fault was found."""
+    """Exit with code 1 if a run found an error."""
     parser = argparse.ArgumentParser(description="Kills and updates a client and its server, in Python and in a PLC.")
     parser.add_argument("--calls", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--scenes", nargs="*", choices=SCENES, default=list(SCENES))
     parser.add_argument("--fault", choices=("", *FAULTS, *PYTHON_FAULTS), default="")
-    given = parser.parse_args()
-    found = False
+    args = parser.parse_args()
+    has_errors = False
     with tempfile.TemporaryDirectory(prefix="shmgen-chaos") as folder:
-        for scene in given.scenes:
-            begin = time.monotonic()
-            verdict = run(Path(folder), scene, given.calls, given.seed, given.fault, given.seconds)
-            took = f"{time.monotonic() - begin:.0f} s"
-            print(f"seed {given.seed}, {scene}: {verdict.ends.total()} calls {dict(verdict.ends)} in {took}")
+        for scene in args.scenes:
+            started_at = time.monotonic()
+            verdict = run(Path(folder), scene, args.calls, args.seed, args.fault, args.seconds)
+            duration = f"{time.monotonic() - started_at:.0f} s"
+            print(f"seed {args.seed}, {scene}: {verdict.ends.total()} calls {dict(verdict.ends)} in {duration}")
             print(f"  kills {dict(verdict.kills)}, {verdict.updates} updates, {verdict.removals} removals", flush=True)
             print(
-                "\n".join(verdict.complaints[:20])
-                or "  every call ended, none in the answer to another, none served twice"
+                "\n".join(verdict.errors[:20]) or "  every call ended, none in the answer to another, none served twice"
             )
-            found |= bool(verdict.complaints)
-    sys.exit(found)
+            has_errors |= bool(verdict.errors)
+    sys.exit(has_errors)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""The ends of the calls chaos: clients and servers of a service and of an action, in Python and in the soft PLC.
+"""The clients and servers of the calls chaos, for a service and for an action, in Python and in the soft PLC.
 
-Each runs in a process of its own until it is killed. A response is a function of its request, so a client sees at once
-when it gets the response to another. Ends report what they see as entries of a kind and a number; see `Stage.report`.
+Each end runs in a separate process until it is killed. A response is a function of its request, so a client detects a
+response to another request at once. Ends report events as entries of a kind and a number; see `Stage.report`.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from shmgen import runtime
 from tests.support.plc_calls import Calls
 
 SLACK = 0.5
-"""Seconds that a call may last beyond its time, on a machine with much else to do."""
+"""Seconds that a call may last beyond its timeout on a busy machine."""
 CYCLE = 0.0002
-"""Seconds."""
+"""Duration of a cycle in seconds."""
 FIRST = 300, 0.3
-"""Cycles that a server works on a client's first request, for a fresh region to begin meanwhile; and its time limit."""
+"""Cycles of a client's first request, during which a new region can start, and the request's timeout in seconds."""
 ENTRY = struct.Struct("<cI")
 
 
 @dataclass
 class Stage:
-    """What the ends of one version share; `client_fault` and `server_fault` are endings of names of faulty blocks."""
+    """Data that the ends of one version share. `client_fault` and `server_fault` are suffixes of faulty block names."""
 
     calls: Calls
     srv: ModuleType
@@ -41,7 +41,7 @@ class Stage:
     server_fault: str = ""
 
     def report(self, kind: bytes, value: int) -> None:
-        """Report a served request (s), an old one (o), or how a call ended (r, w, f, t, n, c, e, l)."""
+        """Report a served request (s), an old request (o), or how a call ended (r, w, f, t, n, c, e, l)."""
         os.write(self.reports, ENTRY.pack(kind, value & 0xFFFFFFFF))
 
     def newest(self, half: str) -> int:
@@ -50,7 +50,7 @@ class Stage:
             return runtime.read_header(f"{runtime.region_name(self.name)}-{half}").newest
         return 0
 
-    def report_taken(self, number: int, old: int) -> None:
+    def report_request(self, number: int, old: int) -> None:
         self.report(b"s" if is_later(number, old) else b"o", number)
 
 
@@ -58,7 +58,7 @@ Work: TypeAlias = Callable[[Stage, random.Random], None]
 
 
 def is_later(number: int, than: int) -> bool:
-    """Return whether a request was sent after another; numbers wrap around."""
+    """Return True if a request was sent after another, although numbers wrap around."""
     return than == 0 or 0 < (number - than) % 2**32 < 2**31
 
 
@@ -84,7 +84,7 @@ def serve(stage: Stage, dice: random.Random) -> None:
             call = server.wait(0.2)
             if call is None:
                 continue
-            stage.report_taken(call.number, old)
+            stage.report_request(call.number, old)
             time.sleep(call.request.cycles * CYCLE)
             if call.request.fail:
                 server.fail(call)
@@ -98,12 +98,12 @@ def plc_serve(stage: Stage, dice: random.Random) -> None:
     job = stage.calls.plc.block("FB_Answer")
     old = stage.newest("request")
     while True:
-        if server.xBusy or server.xError:  # not open yet: a request until then is old as well
+        if server.xBusy or server.xError:  # not open yet, so a request that arrives now is old as well
             old = stage.newest("request")
         before = server.xExecute
         server(xDone=job.xDone, xFailed=job.xError)
         if server.xExecute and not before:
-            stage.report_taken(server.udiCall, old)
+            stage.report_request(server.udiCall, old)
             job.Request.question, job.Request.cycles = server.Request.question, server.Request.cycles
             job.Request.fail = server.Request.fail
         job(xExecute=server.xExecute)
@@ -115,7 +115,7 @@ def plc_serve(stage: Stage, dice: random.Random) -> None:
 
 
 def ask(stage: Stage, dice: random.Random) -> None:
-    """Wait for a server before a request is sent, or send it whether there is a server or not."""
+    """Send requests, and wait for a server before some of them."""
     cycles, timeout = FIRST
     with stage.srv.AskClient(stage.name) as client:
         while True:
@@ -147,7 +147,7 @@ def plc_ask(stage: Stage, dice: random.Random) -> None:
             time.sleep(CYCLE)
             client(xCancel=cancel and client.udiCall != 0 and dice.random() < 0.1)
         kind = b"r" if client.xDone and _is_own(client.Response, question) else b"w"
-        _report_end(stage, kind if client.xDone else _unsuccessful(client), question, begin, timeout)
+        _report_end(stage, kind if client.xDone else _failure_kind(client), question, begin, timeout)
         client(xExecute=False)
         cycles, timeout = _cycles(dice), _timeout(dice)
 
@@ -163,7 +163,7 @@ def act(stage: Stage, dice: random.Random) -> None:
             goal = server.wait(0.2)
             if goal is None:
                 continue
-            stage.report_taken(goal.number, old)
+            stage.report_request(goal.number, old)
             target = goal.request.target
             if goal.request.stride == 0:
                 goal.reject()
@@ -195,7 +195,7 @@ def plc_act(stage: Stage, dice: random.Random) -> None:
         )
         left -= 1
         if server.xExecute and not before:
-            stage.report_taken(server.udiGoal, old)
+            stage.report_request(server.udiGoal, old)
             left = server.Goal.stride - 1
             server.Feedback.position = position_for(server.Goal.target)
             server.Result.reached = reached_for(server.Goal.target)
@@ -220,7 +220,7 @@ def send_goals(stage: Stage, dice: random.Random) -> None:
 
 
 def _follow(client: Any, target: int, deadline: float, dice: random.Random) -> bytes:
-    """Return how the goal ended: r, f, c, w for the feedback or the result of another goal, or t."""
+    """Return how the goal ended: r, f, c or t, or w if feedback or result belong to another goal."""
     cancels = dice.random() < 0.1
     while time.monotonic() < deadline:
         feedback, outcome = client.feedback(), client.poll()
@@ -256,16 +256,16 @@ def plc_send_goals(stage: Stage, dice: random.Random) -> None:
                 kind = b"w"
         if client.xDone:
             kind = kind or (b"r" if client.Result.reached == reached_for(target) else b"w")
-        _report_end(stage, kind or _unsuccessful(client), target, begin, 60.0)  # feedback restarts the time limit
+        _report_end(stage, kind or _failure_kind(client), target, begin, 60.0)  # feedback restarts the timeout
         client(xExecute=False)
         stride, timeout = _stride(dice), _timeout(dice)
 
 
-# --- what clients share ------------------------------------------------------------------------------------
+# --- helpers of clients ------------------------------------------------------------------------------------
 
 
 def _timeout(dice: random.Random) -> float:
-    """Return a time limit in seconds."""
+    """Return a random timeout in seconds."""
     return dice.choice((0.003, 0.03, 0.3))
 
 
@@ -274,7 +274,7 @@ def _cycles(dice: random.Random) -> int:
 
 
 def _stride(dice: random.Random) -> int:
-    """Return the cycles of a goal; 0 for one that the server rejects."""
+    """Return the cycles of a goal, or 0 for a goal that the server rejects."""
     return 0 if dice.random() < 0.05 else max(1, _cycles(dice))
 
 
@@ -293,8 +293,8 @@ def _is_own(response: Any, question: int) -> bool:
     return bool(response.answer == answer_to(question)) and all(copy == response.answer for copy in response.copies)
 
 
-def _unsuccessful(client: Any) -> bytes:
-    """Return how a PLC's call ended that got no response: c, f, t or e."""
+def _failure_kind(client: Any) -> bytes:
+    """Return how a PLC's call without a response ended: c, f, t or e."""
     return b"c" if client.xAborted else {"CALL_FAILED": b"f", "CALL_TIMEOUT": b"t"}.get(client.eErrorID, b"e")
 
 

@@ -1,4 +1,4 @@
-"""An action between processes: goals, feedback, cancels, and ends that nobody takes for those of another goal."""
+"""Tests of actions between processes: goals, feedback and cancels, and outcomes that belong to their own goals."""
 
 from __future__ import annotations
 
@@ -54,30 +54,30 @@ def pair(topic):
         yield server, client
 
 
-def sent(server, client, position=1.0):
+def start_goal(server, client, position=1.0):
     client.send_goal(Move_Goal(position=position), timeout=1)
     return server.take()
 
 
-def test_a_goal_between_two_processes(topic, peer):
+def test_goal_between_two_processes(topic, peer):
     peer(SERVE.format(topic=topic))
     with MoveActionClient(topic) as client:
         number = client.send_goal(Move_Goal(position=5.0, speed=0.05), timeout=10)
-        seen = []
+        positions = []
         while (outcome := client.poll()) is None:
             feedback = client.feedback()
             if feedback:
-                seen.append(feedback.position)
+                positions.append(feedback.position)
             time.sleep(0.001)
         assert outcome == Move_Outcome(goal=number, status=Move_Outcome.SUCCEEDED, result=Move_Result(position=5.0))
-        assert seen == sorted(set(seen))
-        assert set(seen) <= {1.0, 2.0, 3.0, 4.0, 5.0}
-        assert seen
+        assert positions == sorted(set(positions))
+        assert set(positions) <= {1.0, 2.0, 3.0, 4.0, 5.0}
+        assert positions
         client.send_goal(Move_Goal(position=2.0, speed=0.0), timeout=10)
         assert client.result(10).result.position == 2.0
 
 
-def test_a_cancelled_goal_between_two_processes(topic, peer):
+def test_cancelled_goal_between_two_processes(topic, peer):
     peer(SERVE.format(topic=topic))
     with MoveActionClient(topic) as client:
         client.send_goal(Move_Goal(position=1e6, speed=0.01), timeout=10)
@@ -91,10 +91,10 @@ def test_a_cancelled_goal_between_two_processes(topic, peer):
         assert client.result(10).status == Move_Outcome.SUCCEEDED
 
 
-def test_how_a_goal_goes_through_its_statuses(pair):
+def test_goal_passes_through_its_statuses(pair):
     server, client = pair
     assert client.status == 0
-    goal = sent(server, client, 3.0)
+    goal = start_goal(server, client, 3.0)
     assert goal.request == Move_Goal(position=3.0)
     assert client.status == 0
     assert goal.accept()
@@ -117,16 +117,16 @@ def test_how_a_goal_goes_through_its_statuses(pair):
 
 
 @pytest.mark.parametrize(("end", "status"), [("abort", "ABORTED"), ("canceled", "CANCELED"), ("reject", "REJECTED")])
-def test_ends_without_a_result(pair, end, status):
+def test_goal_may_end_without_a_result(pair, end, status):
     server, client = pair
-    goal = sent(server, client)
+    goal = start_goal(server, client)
     assert getattr(goal, end)()
     assert client.result(1).status == getattr(Move_Outcome, status)
 
 
-def test_a_goal_ends_once(pair):
+def test_goal_ends_only_once(pair):
     server, client = pair
-    goal = sent(server, client)
+    goal = start_goal(server, client)
     assert goal.succeed(Move_Result(position=1.0))
     assert not goal.abort()
     assert not goal.publish_feedback(Move_Feedback())
@@ -134,16 +134,16 @@ def test_a_goal_ends_once(pair):
     assert client.result(1).status == Move_Outcome.SUCCEEDED
 
 
-def test_a_result_that_does_not_fit_leaves_the_goal_as_it_is(pair):
+def test_invalid_result_leaves_the_goal_open(pair):
     server, client = pair
-    goal = sent(server, client)
+    goal = start_goal(server, client)
     with pytest.raises(runtime.ValueRejected, match=r"result\.position"):
         goal.succeed(SimpleNamespace(position="far"))
     assert goal.abort()
     assert client.result(1).status == Move_Outcome.ABORTED
 
 
-def test_what_a_handler_leaves_open_is_aborted(topic, caplog):
+def test_goal_that_a_handler_leaves_open_is_aborted(topic, caplog):
     def handler(goal):
         if goal.request.position == 2.0:
             raise OSError("jammed")
@@ -155,10 +155,10 @@ def test_what_a_handler_leaves_open_is_aborted(topic, caplog):
             client.send_goal(Move_Goal(position=position), timeout=10)
             assert client.result(10).status == Move_Outcome.ABORTED
         thread.join()
-    assert caplog.text.count("jammed") == 2  # the raise, and its message
+    assert caplog.text.count("jammed") == 2  # in the source line and in the message of the traceback
 
 
-def test_an_interrupt_aborts_the_goal_and_ends_the_server(pair):
+def test_keyboardinterrupt_aborts_the_goal_and_ends_serve(pair):
     server, client = pair
 
     def handler(goal):
@@ -170,41 +170,41 @@ def test_an_interrupt_aborts_the_goal_and_ends_the_server(pair):
     assert client.result(1).status == Move_Outcome.ABORTED
 
 
-def test_what_is_handled_has_been_accepted_and_names_are_as_given(pair, topic):
+def test_handler_receives_an_accepted_goal(pair, topic):
     server, client = pair
     assert client.server_is_ready()
     assert client.wait_for_server(0)
     assert not server.take()
-    seen = []
+    events = []
 
     def handler(goal):
-        seen.append((client.status, goal.number, goal.is_awaited))
+        events.append((client.status, goal.number, goal.is_awaited))
         goal.succeed(Move_Result())
-        seen.append(goal.is_awaited)
+        events.append(goal.is_awaited)
 
     number = client.send_goal(Move_Goal(), timeout=1)
     server.serve(handler, timeout=0.05)
-    assert seen == [(Move_Progress.ACCEPTED, number, True), False]
+    assert events == [(Move_Progress.ACCEPTED, number, True), False]
     assert (client.action, server.action, server.client_lives()) == (topic, topic, True)
     client.close()
     assert not server.client_lives()
 
 
-def test_only_a_server_with_nothing_to_do_waits(pair, monkeypatch):
+def test_server_waits_only_without_a_pending_goal(pair, monkeypatch):
     server, client = pair
-    first = sent(server, client)
+    first = start_goal(server, client)
     client.send_goal(Move_Goal(position=2.0), timeout=1)
-    asked, take = [], server._calls.take
-    monkeypatch.setattr(server._calls, "take", lambda timeout: asked.append(timeout) or take(0.0))
+    timeouts, take = [], server._calls.take
+    monkeypatch.setattr(server._calls, "take", lambda timeout: timeouts.append(timeout) or take(0.0))
     assert first.is_cancel_requested
     assert server.wait(30).request.position == 2.0
     assert server.take() is None
-    assert asked == [0.0] * 3
+    assert timeouts == [0.0] * 3
     assert server.wait(0.01) is None
-    assert 0 < asked[3] <= 0.01
+    assert 0 < timeouts[3] <= 0.01
 
 
-def test_a_plc_is_a_client_while_its_heartbeat_moves(topic, monkeypatch):
+def test_plc_client_lives_while_its_heartbeat_changes(topic, monkeypatch):
     now = time.monotonic()
     with MoveActionServer(topic) as server:
         words = region_of(server._calls._requests).words
@@ -214,16 +214,16 @@ def test_a_plc_is_a_client_while_its_heartbeat_moves(topic, monkeypatch):
         monkeypatch.setattr("shmgen.runtime.subscriber.time", SimpleNamespace(monotonic=lambda: now))
         now += 10.0
         assert not server.client_lives()
-        for beat, later, lives in ((6, 0.0, True), (6, 0.99, True), (6, 0.02, False), (7, 0.0, True)):
-            now += later
-            words[h.HEARTBEAT] = beat
-            assert server.client_lives() is lives
+        for heartbeat, delay, is_alive in ((6, 0.0, True), (6, 0.99, True), (6, 0.02, False), (7, 0.0, True)):
+            now += delay
+            words[h.HEARTBEAT] = heartbeat
+            assert server.client_lives() is is_alive
 
 
 # --- cancels ---------------------------------------------------------------------------------------
 
 
-def test_a_cancel_that_overwrites_its_goal_is_answered(pair):
+def test_cancel_that_overwrites_its_goal_is_answered(pair):
     server, client = pair
     client.send_goal(Move_Goal(), timeout=1)
     client.cancel()
@@ -231,9 +231,9 @@ def test_a_cancel_that_overwrites_its_goal_is_answered(pair):
     assert client.result(1).status == Move_Outcome.CANCELED
 
 
-def test_a_goal_cancelled_while_another_runs_is_answered_and_the_other_is_not_waited_for(pair):
+def test_pending_goal_is_cancelled_while_another_runs(pair):
     server, client = pair
-    first = sent(server, client)
+    first = start_goal(server, client)
     client.send_goal(Move_Goal(position=2.0), timeout=1)
     assert first.is_cancel_requested
     client.cancel()
@@ -242,21 +242,21 @@ def test_a_goal_cancelled_while_another_runs_is_answered_and_the_other_is_not_wa
     assert not first.succeed(Move_Result())
 
 
-def test_a_cancel_that_comes_after_the_end_changes_nothing(pair):
+def test_cancel_after_the_end_changes_nothing(pair):
     server, client = pair
-    goal = sent(server, client)
+    goal = start_goal(server, client)
     assert goal.succeed(Move_Result(position=1.0))
     client.cancel()
     assert server.take() is None
     assert client.result(1).status == Move_Outcome.SUCCEEDED
-    client.cancel()  # without a goal it does nothing
+    client.cancel()  # without a goal, cancel() does nothing
     assert server.take() is None
-    assert sent(server, client, 2.0).request.position == 2.0
+    assert start_goal(server, client, 2.0).request.position == 2.0
 
 
-def test_a_newer_goal_takes_the_place_of_the_running_one(pair):
+def test_newer_goal_replaces_the_running_goal(pair):
     server, client = pair
-    first = sent(server, client, 1.0)
+    first = start_goal(server, client, 1.0)
     client.send_goal(Move_Goal(position=2.0), timeout=1)
     assert first.is_cancel_requested
     assert not first.publish_feedback(Move_Feedback())
@@ -271,7 +271,7 @@ def test_a_newer_goal_takes_the_place_of_the_running_one(pair):
 # --- deaths ----------------------------------------------------------------------------------------
 
 
-def test_a_restarted_server_takes_no_old_goal_but_answers_its_cancel(topic, peer):
+def test_restarted_server_ignores_old_goals_but_answers_cancels(topic, peer):
     first = peer(TAKE.format(topic=topic))
     with MoveActionClient(topic) as client:
         number = client.send_goal(Move_Goal(position=1.0), timeout=10)
@@ -284,12 +284,12 @@ def test_a_restarted_server_takes_no_old_goal_but_answers_its_cancel(topic, peer
             client.cancel()
             assert server.take() is None
             assert client.result(1).status == Move_Outcome.CANCELED
-            assert sent(server, client, 2.0).request.position == 2.0
+            assert start_goal(server, client, 2.0).request.position == 2.0
 
 
 @pytest.mark.parametrize("half", ["progress_publisher", "outcome_publisher"])
-def test_where_a_claim_is_in_doubt_goals_are_skip_stale_once_more(topic, monkeypatch, half):
-    class Doubtful(getattr(MoveActionServer, half)):
+def test_uncertain_claim_skips_stale_goals_again(topic, monkeypatch, half):
+    class UncertainPublisher(getattr(MoveActionServer, half)):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
             self._end.predecessor_may_be_alive = 1
@@ -298,12 +298,12 @@ def test_where_a_claim_is_in_doubt_goals_are_skip_stale_once_more(topic, monkeyp
     monkeypatch.setattr(action_server, "skip_stale", times.append)
     MoveActionServer(topic).close()
     assert len(times) == 1
-    monkeypatch.setattr(MoveActionServer, half, Doubtful)
+    monkeypatch.setattr(MoveActionServer, half, UncertainPublisher)
     MoveActionServer(topic).close()
     assert len(times) == 3
 
 
-def test_the_client_after_a_killed_one_hears_nothing_of_its_goal(topic, peer):
+def test_client_gets_no_outcome_of_a_killed_client(topic, peer):
     first = peer(f"""
 client = MoveActionClient({topic!r})
 said("ready")
@@ -323,23 +323,23 @@ time.sleep(20)
             assert client.poll().result.position == 2.0
 
 
-def test_a_new_client_knows_nothing_of_a_goal_that_was_left_but_may_cancel_it(topic):
+def test_client_can_cancel_the_goal_of_a_former_client(topic):
     with MoveActionServer(topic) as server:
         with MoveActionClient(topic) as former:
-            former.cancel_former()  # nothing has been left to it
+            former.cancel_former()  # no former client left a goal
             assert server.take() is None
-            left = sent(server, former)
-            assert left.publish_feedback(Move_Feedback(position=0.5))
-            former.cancel_former()  # which has a goal itself
-            assert not left.is_cancel_requested
+            goal = start_goal(server, former)
+            assert goal.publish_feedback(Move_Feedback(position=0.5))
+            former.cancel_former()  # no effect, because this client has a goal itself
+            assert not goal.is_cancel_requested
         with MoveActionClient(topic) as client:
             assert (client.status, client.feedback()) == (0, None)
-            assert left.publish_feedback(Move_Feedback(position=0.7))
+            assert goal.publish_feedback(Move_Feedback(position=0.7))
             client.cancel_former()
-            assert left.is_cancel_requested
+            assert goal.is_cancel_requested
 
 
-def test_without_a_server_nothing_is_sent(topic):
+def test_client_sends_nothing_without_a_server(topic):
     with MoveActionClient(topic) as client:
         with pytest.raises(runtime.NoServer):
             client.send_goal(Move_Goal(), timeout=0.05)
@@ -348,7 +348,7 @@ def test_without_a_server_nothing_is_sent(topic):
         assert not client.server_is_ready()
 
 
-def test_one_client_and_one_server_an_action(topic, pair):
+def test_action_has_one_client_and_one_server(topic, pair):
     for kind in (MoveActionClient, MoveActionServer):
         with pytest.raises(runtime.RegionInUse):
             kind(topic)

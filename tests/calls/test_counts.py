@@ -1,4 +1,4 @@
-"""A request whose count is above its bound is answered at once, as C and C++ answer it, and no handler sees it."""
+"""A request whose count exceeds its bound is answered at once, as in C and C++, and no handler receives it."""
 
 from __future__ import annotations
 
@@ -28,49 +28,49 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(params=["Python", pytest.param("C", marks=pytest.mark.skipif(not engine.IN_C, reason="no extension"))])
 def kinds(request, monkeypatch, folder):
-    """The module of a service or an action, in either engine."""
+    """A function that returns the module of a service or an action, in either engine."""
     if request.param == "Python":
         use_python(monkeypatch)
-    return lambda where, name: build.module(folder, counts.PACKAGE, TypeName("counts_msgs", where, name))
+    return lambda kind, name: build.module(folder, counts.PACKAGE, TypeName("counts_msgs", kind, name))
 
 
-def spoiled(message, path, count=5):
-    """As of a client that has gone wrong: its own checks are passed by."""
+def spoil(message, path, count=5):
+    """Set a wrong count in a message, as a faulty client could."""
     counts.spoil(message, path, count)
     return message
 
 
-def test_a_request_whose_count_is_above_its_bound_fails(topic, kinds, caplog):
-    sort, seen = kinds("srv", "Sort"), []
+def test_request_with_an_excessive_count_fails(topic, kinds, caplog):
+    sort, handled = kinds("srv", "Sort"), []
 
     def handler(request):
-        seen.append(request.id)
+        handled.append(request.id)
         return sort.Sort_Response()
 
     with sort.SortServer(topic) as server, sort.SortClient(topic) as client, caplog.at_level(logging.ERROR):
         for number in (1, 3):
-            client.send(spoiled(sort.Sort_Request(), "items"))
+            client.send(spoil(sort.Sort_Request(), "items"))
             server.serve(handler, timeout=0.05)
             with pytest.raises(runtime.CallFailed):
                 client.wait(timeout=1)
             client.send(sort.Sort_Request(id=number))
             server.serve(handler, timeout=0.05)
             assert client.wait(timeout=1)
-            assert seen.pop() == number
-            assert not seen
+            assert handled.pop() == number
+            assert not handled
         assert caplog.text.count("items: the writer says 5 elements; the bound is 4") == 2
-        client.send(spoiled(sort.Sort_Request(), "items"))
-        later = threading.Timer(0.05, client.send, [sort.Sort_Request(id=7)])
-        later.start()
+        client.send(spoil(sort.Sort_Request(), "items"))
+        timer = threading.Timer(0.05, client.send, [sort.Sort_Request(id=7)])
+        timer.start()
         assert server.wait(timeout=5).request.id == 7, "in the same wait"
-        later.join()
+        timer.join()
 
 
-def test_a_goal_whose_count_is_above_its_bound_is_rejected(topic, kinds):
+def test_goal_with_an_excessive_count_is_rejected(topic, kinds):
     walk = kinds("action", "Walk")
     with walk.WalkActionServer(topic) as server, walk.WalkActionClient(topic) as client:
         command = walk.Walk_CommandPublisher.message_type
-        number = client._calls.send_request(spoiled(command(), "goal.steps"))
+        number = client._calls.send_request(spoil(command(), "goal.steps"))
         assert server.take() is None
         assert client.result(timeout=1).status == walk.Walk_Outcome.REJECTED
         client.send_goal(walk.Walk_Goal(), timeout=1)
@@ -78,7 +78,7 @@ def test_a_goal_whose_count_is_above_its_bound_is_rejected(topic, kinds):
 
 
 @pytest.mark.parametrize(("path", "count"), counts.PLACES)
-def test_a_count_is_found_wherever_it_lies(folder, path, count):
+def test_excessive_count_is_found_at_any_depth(folder, path, count):
     msg = build.module(folder, counts.PACKAGE, TypeName("counts_msgs", "msg", "Tree"))
     message = counts.tree(msg, 1)
     message._check_counts()

@@ -1,4 +1,4 @@
-"""A PLC and Python on one service and one action: each serves the other, and a PLC that was killed comes back."""
+"""A PLC and Python on one service and one action: each serves the other, also after the PLC was killed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def action(compiled_calls: Calls) -> ModuleType:
 
 @pytest.fixture
 def start(compiled_calls: Calls) -> Iterator[StartTask]:
-    """Starts a program as the task of a PLC, 1 ms a cycle, in a process of its own."""
+    """A function that starts a program as the task of a PLC, with cycles of 1 ms, in a separate process."""
     with ExitStack() as processes:
 
         def task(program: str, setting: str) -> subprocess.Popen[str]:
@@ -56,7 +56,7 @@ def question(number: int, cycles: int = 0, fail: bool = False) -> Any:
     return SimpleNamespace(question=number, cycles=cycles, fail=fail)
 
 
-def test_a_plc_serves_python(srv: ModuleType, start: StartTask, topic: str) -> None:
+def test_plc_server_answers_python(srv: ModuleType, start: StartTask, topic: str) -> None:
     plc = start("PRG_Answer", f'sService="{topic}"')
     with srv.AskClient(topic) as client:
         assert [client.call(question(n), timeout=20).answer for n in range(100)] == [3 * n + 1 for n in range(100)]
@@ -75,14 +75,14 @@ def test_a_plc_serves_python(srv: ModuleType, start: StartTask, topic: str) -> N
         assert client.call(question(5), timeout=20).answer == 16
 
 
-def test_python_serves_a_plc(compiled_calls: Calls, srv: ModuleType, topic: str) -> None:
+def test_python_server_answers_a_plc(compiled_calls: Calls, srv: ModuleType, topic: str) -> None:
     program = compiled_calls.plc.block("PRG_Ask")
     program.sService = topic
-    over = threading.Event()
+    stopping = threading.Event()
 
     def serve() -> None:
         with srv.AskServer(topic) as server:
-            while not over.is_set():
+            while not stopping.is_set():
                 server.serve(answer, timeout=0.05)
 
     def answer(request: Any) -> Any:
@@ -98,23 +98,23 @@ def test_python_serves_a_plc(compiled_calls: Calls, srv: ModuleType, topic: str)
             if program.udiRight > 50:
                 break
     finally:
-        over.set()
+        stopping.set()
         thread.join()
     assert (program.udiRight > 50, program.udiWrong) == (True, 0)
     assert program.udiOther == 1, "question 7 fails"
 
 
-def test_a_plc_serves_the_goals_of_python(action: ModuleType, start: StartTask, topic: str) -> None:
+def test_plc_server_executes_goals_of_python(action: ModuleType, start: StartTask, topic: str) -> None:
     start("PRG_Count", f'sAction="{topic}"')
     with action.CountActionClient(topic) as client:
         client.send_goal(action.Count_Goal(target=200), timeout=20)
-        seen = []
+        positions = []
         while (outcome := client.poll()) is None:
             if feedback := client.feedback():
-                seen.append(feedback.position)
+                positions.append(feedback.position)
         assert (outcome.status, outcome.result.reached) == (outcome.SUCCEEDED, 200)
-        assert len(seen) > 1
-        assert sorted(set(seen)) == seen
+        assert len(positions) > 1
+        assert sorted(set(positions)) == positions
         client.send_goal(action.Count_Goal(target=10**9), timeout=20)
         while not client.feedback():
             time.sleep(0.001)

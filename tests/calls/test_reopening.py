@@ -1,4 +1,4 @@
-"""Calls and goals after a region was removed: client and server reopen it, and calls end again."""
+"""Calls and goals after a region was removed: client and server reopen the region, and the next calls succeed."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ def each_engine(request, monkeypatch):
         use_python(monkeypatch)
 
 
-def halves(*names):
-    return [chosen for count in range(1, len(names) + 1) for chosen in itertools.combinations(names, count)]
+def combine(*names):
+    return [halves for count in range(1, len(names) + 1) for halves in itertools.combinations(names, count)]
 
 
-def remove(topic, chosen):
-    for half in chosen:
+def remove(topic, halves):
+    for half in halves:
         (Path("/dev/shm") / region_name(f"{topic}-{half}")).unlink()
 
 
-def goes_on(topic, chosen, call, ends):
-    """Remove regions, and call until they are there again and a call has been answered in them."""
+def remove_and_call(topic, halves, call, ends):
+    """Remove regions, and call until all are reopened and a call has succeeded in them."""
     counts = [end.reopen_count for end in ends]
-    remove(topic, chosen)
+    remove(topic, halves)
     deadline = time.monotonic() + SOON
     while time.monotonic() < deadline:
-        reopened = all(end.reopen_count >= count + len(chosen) for end, count in zip(ends, counts, strict=True))
+        is_reopened = all(end.reopen_count >= count + len(halves) for end, count in zip(ends, counts, strict=True))
         with suppress(runtime.CallTimeout):
             call()
-            if reopened:
+            if is_reopened:
                 return
     raise AssertionError([end.reopen_count - count for end, count in zip(ends, counts, strict=True)])
 
 
-@pytest.mark.parametrize("chosen", halves("request", "response"), ids="+".join)
-def test_a_service_goes_on(topic, chosen):
+@pytest.mark.parametrize("halves", combine("request", "response"), ids="+".join)
+def test_service_continues_after_regions_were_removed(topic, halves):
     with StartServer(topic) as server, StartClient(topic) as client:
 
         def serve():
@@ -66,12 +66,12 @@ def test_a_service_goes_on(topic, chosen):
 
         call()
         for _ in range(3):
-            goes_on(topic, chosen, call, (client, server))
+            remove_and_call(topic, halves, call, (client, server))
         server.close()
         serving.join()
 
 
-def test_a_response_goes_into_the_region_that_replaced_a_removed_one(topic):
+def test_response_is_written_to_the_recreated_region(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(Start_Request(batch=4))
         call = server.wait(SOON)
@@ -83,8 +83,8 @@ def test_a_response_goes_into_the_region_that_replaced_a_removed_one(topic):
         assert client.wait(SOON).batch == 8
 
 
-@pytest.mark.parametrize("chosen", halves("goal", "feedback", "result"), ids="+".join)
-def test_an_action_goes_on(topic, chosen):
+@pytest.mark.parametrize("halves", combine("goal", "feedback", "result"), ids="+".join)
+def test_action_continues_after_regions_were_removed(topic, halves):
     def move(goal):
         goal.publish_feedback(Move_Feedback(position=goal.request.position / 2))
         goal.succeed(Move_Result(position=goal.request.position))
@@ -102,13 +102,13 @@ def test_an_action_goes_on(topic, chosen):
 
         send()
         for _ in range(3):
-            goes_on(topic, chosen, send, (client, server))
+            remove_and_call(topic, halves, send, (client, server))
         server.close()
         serving.join()
 
 
 @pytest.mark.parametrize("kind", [MoveActionServer, MoveActionClient, StartServer, StartClient])
-def test_all_ends_take_the_same_options(topic, kind):
+def test_servers_and_clients_accept_the_same_options(topic, kind):
     with kind(topic, lock_timeout=0.001, mode=0o600, spin=0.0005, reopen=False) as end:
         assert end.reopen_count == 0
     with pytest.raises(ValueError, match="spin is 1"):

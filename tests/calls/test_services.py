@@ -1,4 +1,4 @@
-"""A service between processes: every call ends in its own reply, a failure, or a timeout, whoever dies meanwhile."""
+"""Tests of services between processes: each call ends in its own response, a failure or a timeout."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def request(batch=1):
     return Start_Request(on=True, batch=batch)
 
 
-def test_a_call_between_two_processes(topic, peer):
+def test_call_between_two_processes(topic, peer):
     peer(SERVE.format(topic=topic))
     with StartClient(topic) as client:
         response = client.call(Start_Request(on=True, batch=21), timeout=10)
@@ -69,13 +69,13 @@ def test_a_call_between_two_processes(topic, peer):
         assert [client.call(request(n), timeout=10).batch for n in range(50)] == list(range(0, 100, 2))
 
 
-def test_a_call_between_two_that_spin(topic, peer):
+def test_call_between_spinning_client_and_server(topic, peer):
     peer(SERVE.format(topic=topic).replace(f"{topic!r})", f"{topic!r}, spin=0.0005)"))
     with StartClient(topic, spin=0.0005) as client:
         assert [client.call(request(n), timeout=10).batch for n in range(50)] == list(range(0, 100, 2))
 
 
-def test_any_object_with_the_attributes_is_a_request_and_a_response(topic):
+def test_any_object_with_the_attributes_is_accepted(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         number = client.send(SimpleNamespace(on=True, batch=5))
         call = server.take()
@@ -85,7 +85,7 @@ def test_any_object_with_the_attributes_is_a_request_and_a_response(topic):
         assert client.poll() is None
 
 
-def test_a_value_that_does_not_fit_is_refused_with_its_path(topic):
+def test_invalid_value_is_refused_with_its_path(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         with pytest.raises(runtime.ValueRejected, match="batch"):
             client.send(SimpleNamespace(on=True, batch=-1))
@@ -99,7 +99,7 @@ def test_a_value_that_does_not_fit_is_refused_with_its_path(topic):
         assert client.poll().batch == 3
 
 
-def test_a_call_is_answered_once(topic):
+def test_call_is_answered_only_once(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request())
         call = server.take()
@@ -112,7 +112,7 @@ def test_a_call_is_answered_once(topic):
 # --- failures ------------------------------------------------------------------------------------
 
 
-def test_a_handler_that_raises_fails_its_call_and_the_server_goes_on(topic, caplog):
+def test_raising_handler_fails_its_call_and_server_continues(topic, caplog):
     def handler(request):
         if request.batch == 1:
             raise OSError("jammed")
@@ -130,7 +130,7 @@ def test_a_handler_that_raises_fails_its_call_and_the_server_goes_on(topic, capl
     assert "response.message: 41 bytes" in caplog.text
 
 
-def test_an_interrupted_handler_fails_its_call_and_ends_the_server(topic):
+def test_keyboardinterrupt_in_handler_fails_call_and_ends_serve(topic):
     def handler(request):
         raise KeyboardInterrupt
 
@@ -142,10 +142,10 @@ def test_an_interrupted_handler_fails_its_call_and_ends_the_server(topic):
             client.poll()
 
 
-def interrupted_behind(step, call):
-    """Calls, and raises behind call or jump number `step` in the runtime, where signal handlers run; True if it did."""
+def interrupt_after(step, call):
+    """Run `call`, and raise after its call or jump number `step` in the runtime. Return True if the exception came."""
     left = [step]
-    behind = {}
+    due_frames = {}
 
     def trace(frame, event, _):
         if not frame.f_code.co_filename.startswith(RUNTIME):
@@ -153,9 +153,9 @@ def interrupted_behind(step, call):
         frame.f_trace_opcodes = True
         if event == "opcode":
             name = dis.opname[frame.f_code.co_code[frame.f_lasti]]
-            came, behind[frame] = behind.get(frame, False), name.startswith(("CALL", "JUMP_B", "JUMP_A"))
-            left[0] -= came
-            if came and left[0] == 0:
+            is_due, due_frames[frame] = due_frames.get(frame, False), name.startswith(("CALL", "JUMP_B", "JUMP_A"))
+            left[0] -= is_due
+            if is_due and left[0] == 0:
                 raise KeyboardInterrupt
         return trace
 
@@ -167,8 +167,8 @@ def interrupted_behind(step, call):
     return False
 
 
-def test_an_exception_behind_any_step_of_a_call(topic):
-    """Out of a signal handler: other threads get their turn, and the next call its own answer."""
+def test_interrupt_at_any_step_of_a_call_does_no_harm(topic):
+    """Let other threads get their turn after the interrupt, and give the next call its own answer."""
 
     def handler(request):
         if not request.batch:
@@ -179,56 +179,56 @@ def test_an_exception_behind_any_step_of_a_call(topic):
         serving = others.submit(server.serve, handler, 20)
         client.call(request(), timeout=3)  # opens the event
         for step in range(1, 1000):
-            came = interrupted_behind(step, lambda step=step: client.call(request(step), timeout=3))
+            was_interrupted = interrupt_after(step, lambda step=step: client.call(request(step), timeout=3))
             assert others.submit(client.call, request(2 * step), 3).result().batch == 4 * step
-            if not came:
+            if not was_interrupted:
                 break
         assert step > 30
         client.send(request(0))
         assert isinstance(serving.exception(10), KeyboardInterrupt)
 
 
-def test_an_exception_behind_any_step_of_an_answer(topic):
-    """The call is answered once, or fails, or is left to its client's time limit; the next one is as any other."""
+def test_interrupt_at_any_step_of_serve_does_no_harm(topic):
+    """Answer an interrupted call at most once, and answer the next call as usual."""
     with StartServer(topic) as server, StartClient(topic) as client:
         server.wait(1e-3)  # opens the event
         for step in range(1, 1000):
             client.send(request(step))
             before = server._calls._responses.sequence
-            came = interrupted_behind(step, lambda: server.serve(answer, timeout=1e-2))
+            was_interrupted = interrupt_after(step, lambda: server.serve(answer, timeout=1e-2))
             answers = server._calls._responses.sequence - before
             assert answers <= 1
             client.send(request(2 * step))
             call = server.take()
             assert server.reply(call, answer(call.request))
             assert client.poll().batch == 4 * step
-            if answers and not came:  # else the time was over before there was a step so far
+            if answers and not was_interrupted:  # otherwise, serve() timed out before it reached the step
                 break
         assert step > 30
 
 
-def test_without_a_server_nothing_is_sent(topic, monkeypatch):
+def test_client_sends_nothing_without_a_server(topic, monkeypatch):
     with StartClient(topic) as client, Start_RequestSubscriber(f"{topic}-request") as bystander:
-        begin = time.monotonic()
+        started_at = time.monotonic()
         with pytest.raises(runtime.NoServer, match="the request was not sent"):
             client.call(request(), timeout=0.2)
-        assert 0.2 <= time.monotonic() - begin < 2
+        assert 0.2 <= time.monotonic() - started_at < 2
         assert not client.server_is_ready()
-        asked, words = [], region_of(client._calls._responses).words
-        monkeypatch.setattr(client._calls, "wait_for_server", asked.append)
+        timeouts, words = [], region_of(client._calls._responses).words
+        monkeypatch.setattr(client._calls, "wait_for_server", timeouts.append)
         client.server_is_ready()
         words[h.WRITER] = h.PLC
         client.server_is_ready()
         words[h.WRITER] = 0
         monkeypatch.undo()
-        assert asked == [0.0, 1.0], "of a PLC it is known within a second"
+        assert timeouts == [0.0, 1.0], "a PLC server is detected within a second"
         assert bystander.read() is None
         with StartServer(topic):
             assert client.server_is_ready()
         assert not client.server_is_ready()
 
 
-def test_who_waits_for_a_server_looks_each_two_milliseconds(topic, monkeypatch):
+def test_wait_for_server_polls_every_two_milliseconds(topic, monkeypatch):
     naps, now = [], 100.0
 
     def sleep(seconds):
@@ -242,7 +242,7 @@ def test_who_waits_for_a_server_looks_each_two_milliseconds(topic, monkeypatch):
         assert naps[:3] == pytest.approx([0.002, 0.002, 0.001])
 
 
-def test_a_closed_client_does_not_wait(topic):
+def test_closed_client_raises_instead_of_waiting(topic):
     client = StartClient(topic)
     client.send(request())
     client.close()
@@ -268,7 +268,7 @@ def test_close_ends_serve(server, by, topic):
         signal.signal(signal.SIGALRM, former)
 
 
-def test_coroutines_call_and_serve(topic):
+def test_client_and_server_work_in_coroutines(topic):
     async def serve(server):
         call = await server.wait_async(30)
         server.reply(call, Start_Response(success=call.request.on, batch=7))
@@ -285,14 +285,14 @@ def test_coroutines_call_and_serve(topic):
         assert asyncio.run(scene(server, client)).batch == 7
 
 
-def test_close_ends_a_call(topic):
+def test_close_ends_a_waiting_call(topic):
     with StartServer(topic), StartClient(topic) as client:
         threading.Timer(0.05, client.close).start()
         with pytest.raises(runtime.Closed):
             client.call(request(), timeout=30)
 
 
-def test_a_call_waits_for_a_server_that_comes(topic, peer):
+def test_call_waits_for_a_server_that_starts_later(topic, peer):
     with StartClient(topic) as client:
         responses = []
         thread = threading.Thread(target=lambda: responses.append(client.call(request(4), timeout=20)))
@@ -302,25 +302,25 @@ def test_a_call_waits_for_a_server_that_comes(topic, peer):
         assert responses[0].batch == 8
 
 
-def test_time_runs_out(topic):
+def test_call_times_out(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
-        begin = time.monotonic()
+        started_at = time.monotonic()
         with pytest.raises(runtime.CallTimeout, match=r"call \d+ got no response within 0\.1 s"):
             client.call(request(), timeout=0.1)
-        assert 0.1 <= time.monotonic() - begin < 2
+        assert 0.1 <= time.monotonic() - started_at < 2
         assert server.reply(server.take(), Start_Response())
-        assert client.poll() is None, "it comes too late"
+        assert client.poll() is None, "a late response is ignored"
 
 
-# --- what is late, or old ------------------------------------------------------------------------
+# --- late and old calls --------------------------------------------------------------------------
 
 
-def test_a_late_reply_is_skip_stale(topic):
+def test_reply_to_a_cancelled_call_is_ignored(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request(1))
-        late = server.take()
+        first_call = server.take()
         client.cancel()
-        assert server.reply(late, answer(late.request))
+        assert server.reply(first_call, answer(first_call.request))
         assert client.poll() is None
         client.send(request(2))
         assert client.poll() is None
@@ -329,17 +329,17 @@ def test_a_late_reply_is_skip_stale(topic):
         assert client.poll().batch == 4
 
 
-def test_a_reply_that_comes_between_two_calls_is_not_taken_for_the_second(topic):
+def test_reply_to_the_former_call_is_ignored(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request(1))
-        late = server.take()
+        first_call = server.take()
         client.send(request(2))
-        assert server.reply(late, answer(late.request))
+        assert server.reply(first_call, answer(first_call.request))
         assert client.poll() is None
         assert server.take().request.batch == 2
 
 
-def test_a_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
+def test_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
     with StartServer(topic) as server, StartClient(topic) as client:
         assert client.service == server.service == topic
         number = client.send(request(1))
@@ -350,7 +350,7 @@ def test_a_reply_to_another_call_does_not_end_the_wait(topic, monkeypatch):
         assert client.wait(30) is None, "no call is open, so there is nothing to wait for"
 
 
-def test_a_request_that_could_not_be_sent_gives_the_one_before_up_all_the_same(topic):
+def test_rejected_request_still_cancels_the_former_call(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request(1))
         with pytest.raises(runtime.ValueRejected):
@@ -359,7 +359,7 @@ def test_a_request_that_could_not_be_sent_gives_the_one_before_up_all_the_same(t
         assert client.poll() is None
 
 
-def test_a_request_overwritten_before_it_was_taken_is_dropped(topic):
+def test_request_overwritten_before_take_is_dropped(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request(1))
         client.send(request(2))
@@ -367,7 +367,7 @@ def test_a_request_overwritten_before_it_was_taken_is_dropped(topic):
         assert server.take() is None
 
 
-def test_an_older_call_cannot_be_answered_after_a_newer_was_taken(topic):
+def test_older_call_cannot_be_answered_after_a_newer_take(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request(1))
         old = server.take()
@@ -378,7 +378,7 @@ def test_an_older_call_cannot_be_answered_after_a_newer_was_taken(topic):
         assert client.poll().batch == 4
 
 
-def test_a_restarted_server_answers_no_old_call(topic, peer):
+def test_restarted_server_answers_no_old_call(topic, peer):
     first = peer(TAKE.format(topic=topic))
     with StartClient(topic) as client:
         client.send(request(7))
@@ -393,7 +393,7 @@ def test_a_restarted_server_answers_no_old_call(topic, peer):
             assert client.poll().batch == 16
 
 
-def test_a_call_in_the_midst_of_which_the_server_is_killed_times_out_and_the_next_is_served(topic, peer):
+def test_call_of_a_killed_server_times_out_and_the_next_succeeds(topic, peer):
     first = peer(TAKE.format(topic=topic))
     with StartClient(topic) as client:
         failures = []
@@ -414,7 +414,7 @@ def test_a_call_in_the_midst_of_which_the_server_is_killed_times_out_and_the_nex
         assert client.call(request(9), timeout=10).batch == 18
 
 
-def test_a_client_after_a_killed_one_goes_on_with_new_numbers(topic, peer):
+def test_client_after_a_killed_client_continues_the_numbers(topic, peer):
     first = peer(f"""
 client = StartClient({topic!r})
 said("ready")
@@ -435,7 +435,7 @@ time.sleep(20)
             assert client.poll().batch == 16
 
 
-def test_a_reply_that_is_older_than_its_request_is_skipped(topic):
+def test_reply_older_than_its_request_is_ignored(topic):
     with Start_ReplyPublisher(f"{topic}-response") as former, StartClient(topic) as client:
         number = client.send(request())
         former.publish(SimpleNamespace(call=number + 1, status=1, response=Start_Response(batch=99)))
@@ -443,8 +443,8 @@ def test_a_reply_that_is_older_than_its_request_is_skipped(topic):
         assert client.poll() is None
 
 
-def test_the_numbers_of_a_fresh_region_continue_those_of_the_region_before(topic):
-    """And the server counts none of the numbers that were left out as missed."""
+def test_numbers_of_a_new_region_follow_the_former_numbers(topic):
+    """Skip numbers in the new region, without counting them as missed."""
     numbers = []
     for _ in range(3):
         with StartServer(topic) as server, StartClient(topic) as client:
@@ -458,10 +458,10 @@ def test_the_numbers_of_a_fresh_region_continue_those_of_the_region_before(topic
     assert steps[::2] == [1, 1, 1]
 
 
-# --- who may ---------------------------------------------------------------------------------------
+# --- refused clients, servers and names -------------------------------------------------------------
 
 
-def test_one_client_and_one_server_a_service(topic):
+def test_service_has_one_client_and_one_server(topic):
     with StartClient(topic), StartServer(topic):
         with pytest.raises(runtime.RegionInUse, match=f"{topic}-request"):
             StartClient(topic)
@@ -471,7 +471,7 @@ def test_one_client_and_one_server_a_service(topic):
     StartServer(topic).close()
 
 
-def test_a_refused_server_leaves_the_call_to_the_other(topic):
+def test_refused_server_leaves_the_call_to_the_running_server(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         client.send(request(3))
         with pytest.raises(runtime.RegionInUse):
@@ -479,24 +479,24 @@ def test_a_refused_server_leaves_the_call_to_the_other(topic):
         assert server.take().request.batch == 3
 
 
-def test_another_type_is_refused(topic):
+def test_service_of_another_type_is_refused(topic):
     with (
         Move_CommandPublisher(f"{topic}-response"),
         pytest.raises(runtime.LayoutMismatch, match="cell_msgs/action/Move_Command"),
     ):
         StartClient(topic)
-    Start_RequestPublisher(f"{topic}-request").close()  # the client has let go of it
+    Start_RequestPublisher(f"{topic}-request").close()  # the refused client released the region
 
 
 @pytest.mark.parametrize("name", ["/a b", "", "/cell//start", "~/start", "/a-request"])
-def test_names_that_are_none(name):
+def test_invalid_service_name_is_refused(name):
     for kind in (StartClient, StartServer):
         with pytest.raises(ValueError, match="topic"):
             kind(name)
 
 
 @pytest.mark.parametrize("name", ["/a-", "/a-event", "/a-request-response", "/-request", "/a-request/b"])
-def test_a_dash_stands_only_before_a_half(name):
+def test_dash_in_a_topic_is_valid_only_before_a_suffix(name):
     with pytest.raises(ValueError, match="topic"):
         runtime.region_name(name)
 
@@ -511,9 +511,9 @@ def test_threads_share_a_client(topic, peer):
 
         def work(first):
             for batch in range(first, first + 50):
-                found = client.call(request(batch), timeout=20).batch
-                if found != 2 * batch:
-                    wrong.append((batch, found))
+                result = client.call(request(batch), timeout=20).batch
+                if result != 2 * batch:
+                    wrong.append((batch, result))
 
         threads = [threading.Thread(target=work, args=(1000 * number,)) for number in range(4)]
         for thread in threads:
@@ -523,7 +523,7 @@ def test_threads_share_a_client(topic, peer):
         assert not wrong
 
 
-def test_a_thread_waits_for_the_call_of_another_no_longer_than_its_time(topic):
+def test_call_waits_for_another_thread_until_its_timeout(topic):
     with StartServer(topic), StartClient(topic) as client:
 
         def unanswered():
@@ -538,7 +538,7 @@ def test_a_thread_waits_for_the_call_of_another_no_longer_than_its_time(topic):
         thread.join()
 
 
-def test_a_plc_serves_while_its_heartbeat_moves(topic):
+def test_plc_server_is_ready_while_its_heartbeat_changes(topic):
     with StartClient(topic) as client:
         words = region_of(client._calls._responses).words
         words[h.WRITER], words[h.HEARTBEAT] = h.PLC, 5
@@ -556,18 +556,18 @@ def test_a_plc_serves_while_its_heartbeat_moves(topic):
         time.sleep(0.05)
         stop.set()
         thread.join()
-        assert client.wait_for_server(0.0)  # it has counted since the last look
+        assert client.wait_for_server(0.0)  # the heartbeat changed since the last poll
         assert not client.server_is_ready()
 
 
-def test_a_server_that_waits_shows_that_it_lives(topic):
+def test_waiting_server_sends_heartbeats(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
         before = region_of(client._calls._responses).words[h.HEARTBEAT]
         assert server.wait(0.3) is None
         assert region_of(client._calls._responses).words[h.HEARTBEAT] - before >= 3
 
 
-def test_taking_does_not_wait(topic, monkeypatch):
+def test_take_does_not_wait(topic, monkeypatch):
     waits = []
     with StartServer(topic) as server:
         monkeypatch.setattr(server, "wait", waits.append)
@@ -575,8 +575,8 @@ def test_taking_does_not_wait(topic, monkeypatch):
     assert waits == [0]
 
 
-def test_where_a_claim_is_in_doubt_requests_are_skip_stale_once_more(topic, monkeypatch):
-    class Doubtful(StartServer.reply_publisher):
+def test_uncertain_claim_skips_stale_requests_again(topic, monkeypatch):
+    class UncertainPublisher(StartServer.reply_publisher):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
             self._end.predecessor_may_be_alive = 1
@@ -585,12 +585,12 @@ def test_where_a_claim_is_in_doubt_requests_are_skip_stale_once_more(topic, monk
     monkeypatch.setattr("shmgen.runtime.server.skip_stale", times.append)
     StartServer(topic).close()
     assert len(times) == 1
-    monkeypatch.setattr(StartServer, "reply_publisher", Doubtful)
+    monkeypatch.setattr(StartServer, "reply_publisher", UncertainPublisher)
     StartServer(topic).close()
     assert len(times) == 3
 
 
-# --- where the lock is needed --------------------------------------------------------------------
+# --- machines that need the lock -----------------------------------------------------------------
 
 
 @pytest.fixture
@@ -600,17 +600,17 @@ def on_arm(monkeypatch):
         monkeypatch.setattr(module, "keeps_order", lambda: False)
 
 
-def leave_locked(side, holder):
-    """As a process killed inside leaves it."""
+def leave_lock_held(side, holder):
+    """Leave the lock like a process that was killed while it held the lock."""
     assert region_of(side).semaphore.acquire()
     region_of(side).words[h.LOCK_COUNT] += 1
     region_of(side).words[h.LOCK_HOLDER] = holder
 
 
 @pytest.mark.usefixtures("on_arm")
-def test_no_server_ends_of_a_lock_that_a_dead_process_has(topic, caplog):
-    """Neither side raises, whatever its limit for the lock: the call lasts until the lock is healed, failed or not."""
-    dead = 2**22 + 1  # beyond the greatest pid that Linux gives
+def test_server_survives_a_lock_held_by_a_dead_process(topic, caplog):
+    """Raise on neither side, whatever the timeout for the lock: the call lasts until the lock is recovered."""
+    dead = 2**22 + 1  # greater than any pid of Linux
 
     def handler(request):
         if request.batch > 5:
@@ -622,23 +622,23 @@ def test_no_server_ends_of_a_lock_that_a_dead_process_has(topic, caplog):
         StartServer(topic, lock_timeout=0.001) as server,
         StartClient(topic, lock_timeout=0.001) as client,
     ):
-        served = pool.submit(server.serve, handler, 60.0)
+        serving = pool.submit(server.serve, handler, 60.0)
         assert client.wait_for_server(5)
-        leave_locked(client._calls._requests, dead)
-        leave_locked(server._calls._responses, dead)
+        leave_lock_held(client._calls._requests, dead)
+        leave_lock_held(server._calls._responses, dead)
         assert client.call(request(4), timeout=20).batch == 8
         assert client.call(request(5), timeout=20).batch == 10
-        leave_locked(server._calls._responses, dead)
+        leave_lock_held(server._calls._responses, dead)
         for batch in (6, 7):
             with pytest.raises(runtime.CallFailed):
                 client.call(request(batch), timeout=20)
         with pytest.raises(KeyboardInterrupt, match="over"):
-            served.result(20)
+            serving.result(20)
     assert caplog.text.count("waits for the lock") == 2
 
 
 @pytest.mark.usefixtures("on_arm")
-def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(topic):
+def test_server_started_while_the_lock_is_held_serves_no_old_call(topic):
     with StartClient(topic) as client:
         with StartServer(topic) as before:
             client.send(request())
@@ -651,30 +651,30 @@ def test_a_server_that_begins_while_somebody_has_the_lock_serves_no_old_call(top
 
 
 @pytest.mark.usefixtures("on_arm")
-def test_a_call_that_finds_no_free_lock_ends_in_its_time(topic):
+def test_call_with_a_held_lock_ends_at_its_timeout(topic):
     with StartServer(topic) as server, StartClient(topic) as client:
-        leave_locked(client._calls._requests, h.PLC)
-        start = time.monotonic()
+        leave_lock_held(client._calls._requests, h.PLC)
+        started_at = time.monotonic()
         with pytest.raises(runtime.LockTimeout):
             client.call(request(), timeout=0.1)
-        assert 0.1 <= time.monotonic() - start < 10
+        assert 0.1 <= time.monotonic() - started_at < 10
         assert server.take() is None
 
 
 @pytest.mark.usefixtures("on_arm")
-def test_an_answer_that_waits_for_the_lock_gives_way_to_a_newer_call(topic):
+def test_newer_call_replaces_a_response_that_waits_for_the_lock(topic):
     with StartServer(topic, lock_timeout=0) as server, StartClient(topic) as client:
-        leave_locked(server._calls._responses, h.PLC)
+        leave_lock_held(server._calls._responses, h.PLC)
         server._calls._responses._end.lock._since -= 3600
-        asked = []
+        batches = []
 
         def handler(request):
-            asked.append(request.batch)
-            if len(asked) == 1:
+            batches.append(request.batch)
+            if len(batches) == 1:
                 client.send(Start_Request(on=True, batch=2))
             return answer(request)
 
         client.send(request())
         server.serve(handler, 0.2)
-        assert asked == [1, 2]
+        assert batches == [1, 2]
         assert client.poll() is None
