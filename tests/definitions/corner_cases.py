@@ -1,6 +1,6 @@
-"""Definitions that leave room for doubt, one a row of corner-cases.md.
+"""List ambiguous definitions. Each becomes a row of corner-cases.md.
 
-Where a reference says something else than we do, the row says why; where none does, it must not.
+A case has a reason exactly if a reference implementation reads the definition differently than shmgen.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Case(NamedTuple):
-    """A file `name`.`kind` of package demo_msgs; beside it lies Bar.msg with `int8 b`."""
+    """A file `name`.`kind` of package demo_msgs, which also contains Bar.msg with `int8 b`."""
 
     text: str
     why: str = ""

@@ -1,7 +1,7 @@
-"""The .idl that rosidl_adapter makes of folders of .msg, .srv and .action; to be run on its own.
+"""Convert folders of .msg, .srv and .action files to .idl with rosidl_adapter. This script runs in its own process.
 
-Arguments: the folder of packages, the folder to write to, and the names of packages. rosidl_adapter prints, and leaves
-a file out that it refuses.
+Arguments: the folder of packages, the folder to write to, and the names of packages. rosidl_adapter prints messages,
+and skips the files that it rejects.
 """
 
 from __future__ import annotations

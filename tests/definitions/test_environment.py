@@ -1,4 +1,4 @@
-"""`source = "env"`: a sourced ROS 2 and ROS 1 laid out as ROS lays them out, and Debian's real ROS 1 packages."""
+"""Test `source = "env"` with the folder structure of a sourced ROS 2 and ROS 1, and with Debian's ROS 1 packages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INDEX = "share/ament_index/resource_index/rosidl_interfaces"
 
 
 @pytest.fixture(autouse=True)
-def _nothing_is_sourced(monkeypatch, tmp_path):
+def _no_ros_is_sourced(monkeypatch, tmp_path):
     for name in ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH", "ROS_VERSION", "ROS_DISTRO"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(environment, "DEBIAN", tmp_path / "no Debian")
@@ -34,10 +34,10 @@ def source(monkeypatch, **variables: object) -> None:
         monkeypatch.setenv(name, os.pathsep.join(map(str, places)))
 
 
-def installed(prefix: Path, package: str, files: dict[str, str]) -> Path:
-    """As rosidl_generate_interfaces installs a package: each definition, its .idl, and lines in the index.
+def install(prefix: Path, package: str, files: dict[str, str]) -> Path:
+    """Install a package like rosidl_generate_interfaces: the definitions, their .idl files, and the index.
 
-    The halves of services are listed too, as up to Foxy.
+    The index also lists the requests and responses of services, as in releases up to Foxy.
     """
     lines = []
     for name, text in files.items():
@@ -50,47 +50,47 @@ def installed(prefix: Path, package: str, files: dict[str, str]) -> Path:
     return prefix
 
 
-def messages(schema: Schema) -> dict[str, Message]:
+def messages_by_name(schema: Schema) -> dict[str, Message]:
     return {str(message.name): message for message in schema.messages}
 
 
-def refusal(*requests: str, sources: Sources = ENV) -> str:
+def rejection(*requests: str, sources: Sources = ENV) -> str:
     with pytest.raises(Rejected) as caught:
         load(requests, sources, Report())
     return str(caught.value)
 
 
-def test_a_ros2_is_what_its_index_says(corpus, tmp_path, monkeypatch):
+def test_ros2_packages_come_from_the_ament_index(corpus, tmp_path, monkeypatch):
     packages = ("builtin_interfaces", "std_msgs", "geometry_msgs", "unique_identifier_msgs", "std_srvs")
     packages += ("example_interfaces", "action_msgs", "service_msgs")
     for package in packages:
         root = corpus / "jazzy" / package
         files = {str(file.relative_to(root)): file.read_text() for file in root.glob("*/*.*") if file.suffix != ".idl"}
-        installed(tmp_path, package, files)
+        install(tmp_path, package, files)
     source(monkeypatch, AMENT_PREFIX_PATH=tmp_path)
-    ours = messages(load(packages, ENV, Report()))
-    theirs = messages(load(packages, Sources((corpus / "jazzy",)), Report()))
-    assert {name: references.ours(one) for name, one in ours.items()} == {
-        name: references.ours(one) for name, one in theirs.items()
+    own_messages = messages_by_name(load(packages, ENV, Report()))
+    reference = messages_by_name(load(packages, Sources((corpus / "jazzy",)), Report()))
+    assert {name: references.from_shmgen(message) for name, message in own_messages.items()} == {
+        name: references.from_shmgen(message) for name, message in reference.items()
     }
-    assert "std_srvs/srv/SetBool_Request" in ours
-    assert "example_interfaces/action/Fibonacci_Feedback" in ours
-    assert not any("_" in name.rpartition("/")[2] for name in ours if "/msg/" in name)
+    assert "std_srvs/srv/SetBool_Request" in own_messages
+    assert "example_interfaces/action/Fibonacci_Feedback" in own_messages
+    assert not any("_" in name.rpartition("/")[2] for name in own_messages if "/msg/" in name)
 
 
-def test_the_first_prefix_wins(tmp_path, monkeypatch):
-    mine = installed(tmp_path / "mine", "a_msgs", {"msg/A.msg": "int8 mine"})
-    theirs = installed(tmp_path / "theirs", "a_msgs", {"msg/A.msg": "int8 theirs", "msg/Other.msg": ""})
-    installed(theirs, "b_msgs", {"msg/B.msg": "a_msgs/A a"})
-    source(monkeypatch, AMENT_PREFIX_PATH=[tmp_path / "missing", mine, "", theirs, mine])
-    found = messages(load(["b_msgs"], ENV, Report()))
-    assert [field.name for field in found["a_msgs/msg/A"].fields] == ["mine"]
+def test_first_prefix_wins(tmp_path, monkeypatch):
+    first = install(tmp_path / "mine", "a_msgs", {"msg/A.msg": "int8 mine"})
+    second = install(tmp_path / "theirs", "a_msgs", {"msg/A.msg": "int8 theirs", "msg/Other.msg": ""})
+    install(second, "b_msgs", {"msg/B.msg": "a_msgs/A a"})
+    source(monkeypatch, AMENT_PREFIX_PATH=[tmp_path / "missing", first, "", second, first])
+    loaded = messages_by_name(load(["b_msgs"], ENV, Report()))
+    assert [field.name for field in loaded["a_msgs/msg/A"].fields] == ["mine"]
     assert [str(name) for name in open_library(ENV, Report()).known()] == ["a_msgs/msg/A", "b_msgs/msg/B"]
-    assert "looked in " + str(mine / "share/a_msgs") in refusal("a_msgs/Other")
+    assert "looked in " + str(first / "share/a_msgs") in rejection("a_msgs/Other")
 
 
-def test_an_index_may_say_anything(tmp_path, monkeypatch):
-    prefix = installed(tmp_path / "ros", "a_msgs", {"msg/A.msg": "int8 a"})
+def test_invalid_index_entries_are_ignored(tmp_path, monkeypatch):
+    prefix = install(tmp_path / "ros", "a_msgs", {"msg/A.msg": "int8 a"})
     write(tmp_path, {"outside.msg": "int8 stolen", "ros/share/c_msgs/msg/Unlisted.msg": ""})
     lines = [
         "msg/../../../../outside.msg",
@@ -111,11 +111,11 @@ def test_an_index_may_say_anything(tmp_path, monkeypatch):
         "c_msgs/msg/OnlyIdl",
         "no package/msg/D",
     ]
-    assert refusal("c_msgs/OnlyIdl") == f"{prefix}/share/c_msgs/msg/OnlyIdl.idl: error[SHM001]: no such file"
-    assert refusal("c_msgs/Gone") == f"{prefix}/share/c_msgs/msg/Gone.msg: error[SHM001]: no such file"
+    assert rejection("c_msgs/OnlyIdl") == f"{prefix}/share/c_msgs/msg/OnlyIdl.idl: error[SHM001]: no such file"
+    assert rejection("c_msgs/Gone") == f"{prefix}/share/c_msgs/msg/Gone.msg: error[SHM001]: no such file"
 
 
-def test_a_ros1_is_what_rospack_would_find(tmp_path, monkeypatch):
+def test_ros1_packages_are_found_as_by_rospack(tmp_path, monkeypatch):
     write(
         tmp_path,
         {
@@ -132,16 +132,16 @@ def test_a_ros1_is_what_rospack_would_find(tmp_path, monkeypatch):
         },
     )
     source(monkeypatch, ROS_PACKAGE_PATH=[tmp_path / "ws/src", tmp_path / "gone", tmp_path / "ros/share"])
-    found = messages(load(["a_msgs"], ENV, Report()))
-    assert list(found) == ["std_msgs/msg/Header", "a_msgs/msg/A"]
-    assert [str(field.type) for field in found["a_msgs/msg/A"].fields][1:] == ["Scalar.INT8", "Clock.TIME"]
-    assert found["a_msgs/msg/A"].origin == "a_msgs/msg/A.msg of ROS 1"
+    loaded = messages_by_name(load(["a_msgs"], ENV, Report()))
+    assert list(loaded) == ["std_msgs/msg/Header", "a_msgs/msg/A"]
+    assert [str(field.type) for field in loaded["a_msgs/msg/A"].fields][1:] == ["Scalar.INT8", "Clock.TIME"]
+    assert loaded["a_msgs/msg/A"].origin == "a_msgs/msg/A.msg of ROS 1"
     assert {name.package for name in open_library(ENV, Report()).known()} == {"a_msgs", "std_msgs"}
 
 
-def test_one_ros_at_a_time(tmp_path, monkeypatch):
-    """Where a bridge has both sourced, the last one counts, as its setup.bash left it in ROS_VERSION."""
-    installed(tmp_path / "two", "a_msgs", {"msg/A.msg": "byte b"})
+def test_ros_version_selects_one_of_two_sourced_ros(tmp_path, monkeypatch):
+    """Use the ROS that was sourced last, which sets ROS_VERSION, if ROS 1 and ROS 2 are sourced for a bridge."""
+    install(tmp_path / "two", "a_msgs", {"msg/A.msg": "byte b"})
     write(tmp_path, {"one/a_msgs/msg/A.msg": "byte b", "one/b_msgs/msg/B.msg": "a_msgs/A a"})
     source(monkeypatch, AMENT_PREFIX_PATH=tmp_path / "two", ROS_PACKAGE_PATH=tmp_path / "one")
     types = {}
@@ -149,7 +149,7 @@ def test_one_ros_at_a_time(tmp_path, monkeypatch):
         source(monkeypatch, ROS_VERSION=version)
         types[version] = load(["a_msgs"], ENV, Report()).messages[0].fields[0].type.value
     assert types == {"": "uint8", "1": "int8", "2": "uint8"}
-    assert "SHM004" in refusal("b_msgs")
+    assert "SHM004" in rejection("b_msgs")
 
 
 DEBIAN = Path("/usr/share")
@@ -157,31 +157,31 @@ PACKAGES = sorted(folder.parent.name for folder in DEBIAN.glob("*_msgs/msg"))
 
 
 @pytest.mark.skipif("std_msgs" not in PACKAGES, reason="no ROS 1 of Debian: apt-get install ros-sensor-msgs")
-def test_debians_ros1_is_read_as_rosbags_reads_it(monkeypatch):
+def test_debian_ros1_messages_match_rosbags(monkeypatch):
     monkeypatch.setattr(environment, "DEBIAN", DEBIAN)
-    found = messages(load(PACKAGES, ENV, Report()))
+    loaded = messages_by_name(load(PACKAGES, ENV, Report()))
     files = [file for package in PACKAGES for file in (DEBIAN / package / "msg").glob("*.msg")]
     assert len(files) >= 90
     for file in files:
         name = f"{file.parts[-3]}/msg/{file.stem}"
-        theirs = get_types_from_msg(file.read_text(), name)[name]
-        assert references.without_defaults(references.ours(found[name])) == references.of_typesdict(
-            name, theirs, "ros1"
+        reference = get_types_from_msg(file.read_text(), name)[name]
+        assert references.without_defaults(references.from_shmgen(loaded[name])) == references.from_rosbags(
+            name, reference, "ros1"
         )
-    assert found["std_msgs/msg/Byte"].fields[0].type.value == "int8"
-    assert found["std_msgs/msg/Header"].fields[0].name == "seq"
-    assert {"sensor_msgs/srv/SetCameraInfo_Response", "nav_msgs/action/GetMap_Goal"} <= set(found)
+    assert loaded["std_msgs/msg/Byte"].fields[0].type.value == "int8"
+    assert loaded["std_msgs/msg/Header"].fields[0].name == "seq"
+    assert {"sensor_msgs/srv/SetCameraInfo_Response", "nav_msgs/action/GetMap_Goal"} <= set(loaded)
 
 
-def test_a_shell_where_nothing_is_sourced(tmp_path, monkeypatch):
-    assert refusal("std_msgs/Bool").startswith('source = "env": error[SHM506]: no ROS is sourced in this shell\n')
-    assert "source /opt/ros/jazzy/setup.bash" in refusal("std_msgs/Bool")
+def test_shell_without_sourced_ros(tmp_path, monkeypatch):
+    assert rejection("std_msgs/Bool").startswith('source = "env": error[SHM506]: no ROS is sourced in this shell\n')
+    assert "source /opt/ros/jazzy/setup.bash" in rejection("std_msgs/Bool")
     source(monkeypatch, ROS_VERSION=1)
-    assert "source /opt/ros/noetic/setup.bash" in refusal("std_msgs/Bool")
+    assert "source /opt/ros/noetic/setup.bash" in rejection("std_msgs/Bool")
     source(monkeypatch, ROS_VERSION=2)
-    assert "source /opt/ros/jazzy/setup.bash" in refusal("std_msgs/Bool")
+    assert "source /opt/ros/jazzy/setup.bash" in rejection("std_msgs/Bool")
     source(monkeypatch, AMENT_PREFIX_PATH=tmp_path)
-    assert f"AMENT_PREFIX_PATH is '{tmp_path}', but its folders contain no messages" in refusal("std_msgs/Bool")
+    assert f"AMENT_PREFIX_PATH is '{tmp_path}', but its folders contain no messages" in rejection("std_msgs/Bool")
     write(tmp_path, {"a_msgs/msg/A.msg": "int8 a"})
     assert load(["a_msgs/A"], Sources((tmp_path,), "env"), Report()).messages
 
@@ -200,43 +200,43 @@ def test_a_shell_where_nothing_is_sourced(tmp_path, monkeypatch):
     ],
     ids=["catkin", "ament", "build type", "rosidl", "in a comment", "both", "neither", "hostile"],
 )
-def test_package_xml_says_which_ros_a_package_is_for(tmp_path, manifest, byte):
+def test_package_xml_selects_the_dialect(tmp_path, manifest, byte):
     write(tmp_path, {"a_msgs/package.xml": f"<package>{manifest}</package>", "a_msgs/msg/A.msg": "byte a"})
     for store, default in (("jazzy", "uint8"), ("noetic", "int8")):
         (message,) = load(["a_msgs"], Sources((tmp_path,), store, tmp_path), Report()).messages
         assert message.fields[0].type.value == (default if byte == "the source's" else byte)
 
 
-def texts(prefix: Path, root: Path, monkeypatch) -> dict[str, str]:
+def generate_texts(prefix: Path, root: Path, monkeypatch) -> dict[str, str]:
     root.mkdir(exist_ok=True)
     source(monkeypatch, AMENT_PREFIX_PATH=prefix)
     return pipeline.generate(Config(root, source="env"), ["a_msgs/A"])
 
 
-def test_two_developers_get_one_output(tmp_path, monkeypatch):
-    """Whatever lies where, and whichever distribution it is: what counts is the text of the definitions."""
-    here = installed(tmp_path / "opt" / "ros", "a_msgs", {"msg/A.msg": "int8 a  # [m]"})
-    there = installed(tmp_path / "home" / "ws", "a_msgs", {"msg/A.msg": "int8 a  # [m]"})
-    first = texts(here, tmp_path / "one", monkeypatch)
+def test_output_is_independent_of_the_folders(tmp_path, monkeypatch):
+    """Generate equal output from equal definitions, independent of the folders and of ROS_DISTRO."""
+    first_prefix = install(tmp_path / "opt" / "ros", "a_msgs", {"msg/A.msg": "int8 a  # [m]"})
+    second_prefix = install(tmp_path / "home" / "ws", "a_msgs", {"msg/A.msg": "int8 a  # [m]"})
+    first = generate_texts(first_prefix, tmp_path / "one", monkeypatch)
     monkeypatch.setenv("ROS_DISTRO", "jazzy")
-    assert texts(there, tmp_path / "two", monkeypatch) == first
+    assert generate_texts(second_prefix, tmp_path / "two", monkeypatch) == first
     assert not any(str(tmp_path) in text for text in first.values())
     assert 'origin = "a_msgs/msg/A.msg of ROS 2"' in first["layout.lock"]
-    write(there, {"share/a_msgs/msg/A.msg": "int8 a  # [mm]"})
-    assert texts(there, tmp_path / "two", monkeypatch)["layout.lock"] != first["layout.lock"]
+    write(second_prefix, {"share/a_msgs/msg/A.msg": "int8 a  # [mm]"})
+    assert generate_texts(second_prefix, tmp_path / "two", monkeypatch)["layout.lock"] != first["layout.lock"]
 
 
-def test_another_developer_is_told_what_differs(tmp_path, monkeypatch):
+def test_check_reports_a_different_sourced_ros(tmp_path, monkeypatch):
     work = tmp_path / "work"
     write(work, {"shmgen.toml": 'source = "env"\nmessages = ["a_msgs/A"]'})
-    source(monkeypatch, AMENT_PREFIX_PATH=installed(tmp_path / "one", "a_msgs", {"msg/A.msg": "int8 a\nint8 b"}))
-    shown = run(["show", "a_msgs/A"], work).stdout
-    assert "\nfrom a_msgs/msg/A.msg of ROS 2; " in shown
-    assert f"\nread from {tmp_path}/one/share/a_msgs/msg/A.msg\n" in shown
+    source(monkeypatch, AMENT_PREFIX_PATH=install(tmp_path / "one", "a_msgs", {"msg/A.msg": "int8 a\nint8 b"}))
+    output = run(["show", "a_msgs/A"], work).stdout
+    assert "\nfrom a_msgs/msg/A.msg of ROS 2; " in output
+    assert f"\nread from {tmp_path}/one/share/a_msgs/msg/A.msg\n" in output
     assert "1 of 1 can be generated." in run(["list", "a_msgs"], work).stdout
     assert run(["generate"], work).code == 0
     assert run(["check"], work).code == 0
-    source(monkeypatch, AMENT_PREFIX_PATH=installed(tmp_path / "two", "a_msgs", {"msg/A.msg": "int16 a\nint8 b"}))
-    said = run(["check"], work)
-    assert said.code == 1
-    assert "error[SHM401]: layout of a_msgs/A changed" in said.stderr
+    source(monkeypatch, AMENT_PREFIX_PATH=install(tmp_path / "two", "a_msgs", {"msg/A.msg": "int16 a\nint8 b"}))
+    result = run(["check"], work)
+    assert result.code == 1
+    assert "error[SHM401]: layout of a_msgs/A changed" in result.stderr

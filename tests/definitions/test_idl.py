@@ -1,4 +1,4 @@
-"""What is read of .idl: the same as of the .msg it was made of, and each complaint has its place."""
+"""Test .idl files: they are read like the .msg they were generated from, and each diagnostic has a position."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from shmgen.definitions import Sources, idl, load, rosidl
 from shmgen.definitions.parser import Source
 from shmgen.generator import bounds, layout
 from tests.definitions import references
-from tests.definitions.test_requests import from_folder, names, write
+from tests.definitions.test_requests import load_folder, names, write
 from tests.support.command import run
 
 HAS_ROSIDL = bool(find_spec("rosidl_parser") or PathFinder.find_spec("rosidl_parser", [rosidl.DEBIAN]))
 needs_rosidl = pytest.mark.skipif(
-    not HAS_ROSIDL, reason="no rosidl_parser here: pip install --no-deps ros-rosidl-parser"
+    not HAS_ROSIDL, reason="rosidl_parser is missing: pip install --no-deps ros-rosidl-parser"
 )
 
 
@@ -60,8 +60,8 @@ def only_field(member: str, before: str = "") -> Field:
 def only_constant(constant: str) -> Constant:
     (message,), findings = read(in_struct("int8 a;", f"module Foo_Constants {{ {constant} }};"))
     assert not findings
-    (found,) = message.constants
-    return found
+    (result,) = message.constants
+    return result
 
 
 POINT = Ref(TypeName("geometry_msgs", "msg", "Point"))
@@ -94,7 +94,7 @@ POINTS += "typedef geometry_msgs__msg__Point geometry_msgs__msg__Point__3[3];"
         ("sequence<double> x;", "", Sequence(Scalar.FLOAT64)),
         ("sequence<double, 12> x;", "", Sequence(Scalar.FLOAT64, 12)),
         ("sequence<string<5>> x;", "", Sequence(String(5))),
-        ("sequence<wstring<5>> x;", "", Sequence(String(5, wide=True))),  # rosidl_parser: at most 5
+        ("sequence<wstring<5>> x;", "", Sequence(String(5, wide=True))),  # an unbounded sequence
         ("sequence<wstring<5>, 7> x;", "", Sequence(String(5, wide=True), 7)),
         ("double x[9];", "", Array(Scalar.FLOAT64, 9)),
         ("double__9 x;", "typedef double double__9[9];", Array(Scalar.FLOAT64, 9)),
@@ -106,7 +106,7 @@ POINTS += "typedef geometry_msgs__msg__Point geometry_msgs__msg__Point__3[3];"
         ("sequence<builtin_interfaces::msg::Duration> x;", "", Sequence(Clock.DURATION)),
     ],
 )
-def test_types(member, before, type_):
+def test_types_of_fields(member, before, type_):
     assert only_field(member, before).type == type_
 
 
@@ -148,8 +148,8 @@ def test_defaults(member, default):
     ],
 )
 def test_constants(constant, type_, value):
-    found = only_constant(constant)
-    assert (found.type, found.value) == (type_, value)
+    parsed = only_constant(constant)
+    assert (parsed.type, parsed.value) == (type_, value)
 
 
 DOCUMENTED = r"""// no annotation
@@ -210,7 +210,7 @@ LONG = "".join(f"int8 field_number_{number};\n" for number in range(3000))
 
 @needs_rosidl
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "expected"),
     [
         (in_struct("int9 x;"), "Foo.idl:5:6: error[SHM004]: unknown type `int9`"),
         (in_struct("int8 x\nint8 y;"), "Foo.idl:6:1: error[SHM003]: rosidl_parser rejects this text"),
@@ -269,9 +269,9 @@ LONG = "".join(f"int8 field_number_{number};\n" for number in range(3000))
     ],
     ids=range(36),
 )
-def test_mistakes(text, says):
+def test_faults_are_reported(text, expected):
     _, findings = read(text)
-    assert says in "\n".join(findings)
+    assert expected in "\n".join(findings)
     assert all("Traceback" not in finding for finding in findings)
 
 
@@ -296,16 +296,16 @@ def test_mistakes(text, says):
     ids=range(13),
 )
 @pytest.mark.family("[0]", "[1]")
-def test_nothing_takes_long(text):
-    begin = time.process_time()
+def test_long_input_is_rejected_quickly(text):
+    start = time.process_time()
     _, findings = read(text)
     assert len(findings) == 1
     assert len(findings[0]) < 2000
-    assert time.process_time() - begin < 10
+    assert time.process_time() - start < 10
 
 
 @needs_rosidl
-def test_a_msg_is_read_before_the_idl_made_of_it(tmp_path):
+def test_msg_takes_precedence_over_its_idl(tmp_path):
     write(
         tmp_path,
         {
@@ -316,52 +316,52 @@ def test_a_msg_is_read_before_the_idl_made_of_it(tmp_path):
             "struct S_Request { int8 a; }; struct S_Response { int8 b; }; }; };",
         },
     )
-    assert names(from_folder(tmp_path, "x_msgs/B")) == ["x_msgs/msg/A", "x_msgs/msg/B"]
+    assert names(load_folder(tmp_path, "x_msgs/B")) == ["x_msgs/msg/A", "x_msgs/msg/B"]
     by_path = load([str(tmp_path / "x_msgs/srv/S.idl"), str(tmp_path / "x_msgs/msg/B.idl")], Sources(), Report())
     parts = [f"x_msgs/srv/S_{part}" for part in ("Request", "Response", "Reply")]
     assert names(by_path) == [*parts, "x_msgs/msg/A", "x_msgs/msg/B"]
 
 
 @needs_rosidl
-def test_the_hint_is_in_the_words_of_the_file(tmp_path):
-    many = "typedef sequence<long> many;"
-    text = f"module x_msgs {{ module msg {{ {many} struct B {{\n  sequence<double> data;\n many more; }}; }}; }};"
+def test_hint_uses_idl_syntax(tmp_path):
+    typedef = "typedef sequence<long> many;"
+    text = f"module x_msgs {{ module msg {{ {typedef} struct B {{\n  sequence<double> data;\n many more; }}; }}; }};"
     write(tmp_path, {"x_msgs/msg/B.idl": text})
-    said = run(["show", "-I", ".", "x_msgs/B"], tmp_path).stderr.split("\n")
-    assert said[0] == "x_msgs/msg/B.idl:2:3: error[SHM101]: unbounded sequence has no fixed size"
-    assert said[1:3] == ["    2 |   sequence<double> data;", "      |   ^^^^^^^^^^^^^^^^"]
-    assert "  hint: write `sequence<double, N> data`, or set" in said[4]
-    assert '  hint: set "x_msgs/B.more" = N' in said[-2]
+    output = run(["show", "-I", ".", "x_msgs/B"], tmp_path).stderr.split("\n")
+    assert output[0] == "x_msgs/msg/B.idl:2:3: error[SHM101]: unbounded sequence has no fixed size"
+    assert output[1:3] == ["    2 |   sequence<double> data;", "      |   ^^^^^^^^^^^^^^^^"]
+    assert "  hint: write `sequence<double, N> data`, or set" in output[4]
+    assert '  hint: set "x_msgs/B.more" = N' in output[-2]
 
 
-def schemas(corpus: Path, folder: Path, packages: list[str]) -> tuple[Schema, Schema]:
-    """Of the definitions, and of the .idl that rosidl_adapter makes of them, which is all that `folder` gets."""
+def load_both(corpus: Path, folder: Path, packages: list[str]) -> tuple[Schema, Schema]:
+    """Return the schemas of the corpus, and of the .idl files that rosidl_adapter generates into `folder`."""
     python = references.interpreter("by_rosidl.py")
     assert python
-    everything = sorted(package.name for package in (corpus / "jazzy").iterdir())
+    all_packages = sorted(package.name for package in (corpus / "jazzy").iterdir())
     script = Path(__file__).with_name("idl_of.py")
     subprocess.run(
-        [python, "-W", "ignore", str(script), str(corpus / "jazzy"), str(folder), *everything],
+        [python, "-W", "ignore", str(script), str(corpus / "jazzy"), str(folder), *all_packages],
         check=True,
         capture_output=True,
     )
     for file in (corpus / "jazzy").glob("*/*/*.idl"):
         write(folder, {str(file.relative_to(corpus / "jazzy")): file.read_text()})
-    # ROS copies it from test_interface_files while it builds; the corpus does not.
-    stray = [name for name in ("test_msgs/action/NestedMessage",) if "test_msgs" in packages]
+    # It uses BasicTypes, which ROS copies from test_interface_files at build time; the corpus lacks BasicTypes.
+    unusable = [name for name in ("test_msgs/action/NestedMessage",) if "test_msgs" in packages]
     requests = [
         f"{package}/{file.parent.name}/{file.stem}"
         for package in packages
         for file in sorted((folder / package).glob("*/*.idl"))
     ]
-    requests = [request for request in requests if request not in stray]
+    requests = [request for request in requests if request not in unusable]
     theirs = load(requests, Sources((folder,)), Report())
     assert all(message.origin.endswith(".idl") for message in theirs.messages)
     return load(requests, Sources((corpus / "jazzy",)), Report()), theirs
 
 
-# rosidl_adapter takes any text in brackets for a unit; here `[0.0-1.0]` and the like stay in the comment.
-OTHER_UNITS = {
+# rosidl_adapter reads any text in brackets as a unit; shmgen leaves text such as `[0.0-1.0]` in the comment.
+ADAPTER_UNITS = {
     "px4_msgs/SatelliteInfo.svid",
     "px4_msgs/TecsStatus.fast_descend_ratio",
     "sensor_msgs/CompressedImage.format",
@@ -372,45 +372,45 @@ OTHER_UNITS = {
     "visualization_msgs/Marker.texture_resource",
     "visualization_msgs/Marker.uv_coordinates",
 }
-BIG = "px4_msgs"
+PX4 = "px4_msgs"
 
 
 @pytest.mark.slow
 @needs_rosidl
-@pytest.mark.skipif(references.interpreter("by_rosidl.py") is None, reason="no rosidl_adapter here")
-@pytest.mark.parametrize(("part", "least", "documented"), [("px4_msgs", 227, 0.98), ("others", 400, 0.96)])
-def test_an_idl_is_the_same_as_what_it_was_made_of(corpus, tmp_path, part, least, documented):
-    """The whole corpus: fields, types, bounds, defaults, constants, and so the digest; of the comments most."""
-    others = sorted(package.name for package in (corpus / "jazzy").iterdir() if package.name != BIG)
-    ours, theirs = schemas(corpus, tmp_path, [BIG] if part == BIG else others)
-    assert len(ours.messages) >= least
+@pytest.mark.skipif(references.interpreter("by_rosidl.py") is None, reason="rosidl_adapter is missing")
+@pytest.mark.parametrize(("part", "minimum", "documented"), [("px4_msgs", 227, 0.98), ("others", 400, 0.96)])
+def test_generated_idl_equals_its_definition(corpus, tmp_path, part, minimum, documented):
+    """Compare fields, types, bounds, defaults, constants, digests and most comments of the whole corpus."""
+    others = sorted(package.name for package in (corpus / "jazzy").iterdir() if package.name != PX4)
+    ours, theirs = load_both(corpus, tmp_path, [PX4] if part == PX4 else others)
+    assert len(ours.messages) >= minimum
     assert [message.name for message in ours.messages] == [message.name for message in theirs.messages]
     units, docs = set(), []
-    for mine, yours in zip(ours.messages, theirs.messages, strict=True):
-        assert len(mine.fields) == len(yours.fields)
-        for one, other in zip(mine.fields, yours.fields, strict=True):
-            assert (one.name, one.type, repr(one.default)) == (other.name, other.type, repr(other.default)), mine.name
-            units |= {f"{mine.name.short}.{one.name}"} if one.unit != other.unit else set()
+    for own, peer in zip(ours.messages, theirs.messages, strict=True):
+        assert len(own.fields) == len(peer.fields)
+        for one, other in zip(own.fields, peer.fields, strict=True):
+            assert (one.name, one.type, repr(one.default)) == (other.name, other.type, repr(other.default)), own.name
+            units |= {f"{own.name.short}.{one.name}"} if one.unit != other.unit else set()
             docs.append(one.doc == other.doc)
-        for one, other in zip(mine.constants, yours.constants, strict=True):
-            assert (one.name, one.type, repr(one.value)) == (other.name, other.type, repr(other.value)), mine.name
+        for one, other in zip(own.constants, peer.constants, strict=True):
+            assert (one.name, one.type, repr(one.value)) == (other.name, other.type, repr(other.value)), own.name
             docs.append(one.doc == other.doc)
-    assert units == {name for name in OTHER_UNITS if name.startswith(BIG) == (part == BIG)}
+    assert units == {name for name in ADAPTER_UNITS if name.startswith(PX4) == (part == PX4)}
     assert sum(docs) / len(docs) > documented
     assert digests(ours) == digests(theirs)
 
 
 def digests(schema: Schema) -> dict[TypeName, int]:
-    wide = Bounds({}, {message.name.package: Bound(4, Span("")) for message in schema.messages})
-    bounded = bounds.apply(schema, wide, Report())
-    return {name: one.digest for name, one in layout.lay_out(bounded, TypeOptions(), 2**40, Report()).items()}
+    many_bounds = Bounds({}, {message.name.package: Bound(4, Span("")) for message in schema.messages})
+    bounded = bounds.apply(schema, many_bounds, Report())
+    return {name: entry.digest for name, entry in layout.lay_out(bounded, TypeOptions(), 2**40, Report()).items()}
 
 
-def test_without_rosidl_parser_it_is_said_how_to_get_it(monkeypatch):
+def test_missing_rosidl_parser_is_reported(monkeypatch):
     monkeypatch.setattr(rosidl, "DEBIAN", "/nowhere")
     monkeypatch.setattr(rosidl, "find_spec", lambda name: None)
     monkeypatch.setitem(sys.modules, "rosidl_parser.parser", None)
-    messages, (said,) = read(in_struct("int8 x;"))
+    messages, (fault,) = read(in_struct("int8 x;"))
     assert messages == ()
-    assert f"Foo.idl: error[SHM008]: rosidl_parser, which reads .idl files, cannot be loaded in {sys.prefix}" in said
-    assert "apt install python3-rosidl" in said
+    assert f"Foo.idl: error[SHM008]: rosidl_parser, which reads .idl files, cannot be loaded in {sys.prefix}" in fault
+    assert "apt install python3-rosidl" in fault

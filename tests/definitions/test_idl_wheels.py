@@ -1,4 +1,4 @@
-"""The rosidl_parser of the wheels, in environments of their own, reads .idl as Debian's does; nothing else loads it."""
+"""Test that rosidl_parser from wheels reads .idl like Debian's rosidl_parser, and that only .idl files load it."""
 
 from __future__ import annotations
 
@@ -36,35 +36,35 @@ module a_msgs { module msg {
 }
 
 
-def python_of(environment: str) -> Path:
+def python_in(environment: str) -> Path:
     python = REPOSITORY / ".venv" / environment / "bin" / "python"
     if not python.exists():
-        pytest.skip(f"no .venv/{environment}: `make test-all` makes it where there are wheels of ROS 2")
+        pytest.skip(f"no .venv/{environment}: `make test-all` creates it if wheels of ROS 2 are available")
     return python
 
 
-def shown(python: Path | str, folder: Path, message: str, before: str = "", behind: str = "") -> str:
-    """What `shmgen show --json` says there, and what code around it prints."""
-    program = f"import sys\n{before}\nfrom shmgen.__main__ import main\ntry: main()\nexcept SystemExit: pass\n{behind}"
+def show(python: Path | str, folder: Path, message: str, before: str = "", after: str = "") -> str:
+    """Return the output of `shmgen show --json` in `folder`, and of the code that runs before and after."""
+    program = f"import sys\n{before}\nfrom shmgen.__main__ import main\ntry: main()\nexcept SystemExit: pass\n{after}"
     command = [python, "-c", program, "show", "--json", message]
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "AMENT"))}
     environment["PYTHONPATH"] = str(REPOSITORY / "src")
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert not done.stderr
-    return done.stdout
+    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert not result.stderr
+    return result.stdout
 
 
 @needs_rosidl
 @pytest.mark.parametrize(("environment", "lark"), [("idl", "1"), ("ros2-jazzy", "0"), ("ros2-kilted", "0")])
-def test_every_parser_reads_the_same(environment: str, lark: str, tmp_path: Path) -> None:
-    """With blark beside it, whose lark has the last word when all are installed at once."""
-    python = python_of(environment)
+def test_parsers_of_all_wheels_read_the_same(environment: str, lark: str, tmp_path: Path) -> None:
+    """Compare each environment with Debian's parser. In environment `idl`, blark determines the version of lark."""
+    python = python_in(environment)
     put(FOLDERS, tmp_path)
     code = "import lark, rosidl_parser as it; print(it.__file__, lark.__version__)"
-    *text, said = shown(python, tmp_path, "a_msgs/Foo", behind=code).splitlines()
-    assert text == shown(sys.executable, tmp_path, "a_msgs/Foo").splitlines()
+    *text, details = show(python, tmp_path, "a_msgs/Foo", after=code).splitlines()
+    assert text == show(sys.executable, tmp_path, "a_msgs/Foo").splitlines()
     assert len(text) > 100
-    file, version = said.split()
+    file, version = details.split()
     assert Path(file).is_relative_to(python.parent.parent)
     assert version.partition(".")[0] == lark
     if environment == "idl":
@@ -72,14 +72,14 @@ def test_every_parser_reads_the_same(environment: str, lark: str, tmp_path: Path
         assert subprocess.run([python, "-c", program], capture_output=True, text=True, check=False).stdout == "None\n"
 
 
-def test_a_msg_loads_no_parser_of_idl(tmp_path: Path) -> None:
+def test_msg_does_not_load_the_idl_parser(tmp_path: Path) -> None:
     put(FOLDERS, tmp_path)
     code = "print({name.partition('.')[0] for name in sys.modules} & {'lark', 'rosidl_parser', 'rosidl_adapter'})"
-    assert shown(sys.executable, tmp_path, "a_msgs/Plain", behind=code).splitlines()[-1] == "set()"
+    assert show(sys.executable, tmp_path, "a_msgs/Plain", after=code).splitlines()[-1] == "set()"
 
 
 @needs_rosidl
-def test_half_a_wheel_is_not_taken_for_a_parser(tmp_path: Path) -> None:
-    """Where `pip install` of Debian's Python puts one part of it where that looks, and the other where it does not."""
+def test_incomplete_wheel_is_ignored(tmp_path: Path) -> None:
+    """Ignore a wheel of which `pip install` of Debian's Python put only one part into the search path."""
     put({**FOLDERS, "half/rosidl_parser/_dummy.so": ""}, tmp_path)
-    assert '"a_msgs/msg/Foo"' in shown(sys.executable, tmp_path, "a_msgs/Foo", before="sys.path.insert(0, 'half')")
+    assert '"a_msgs/msg/Foo"' in show(sys.executable, tmp_path, "a_msgs/Foo", before="sys.path.insert(0, 'half')")

@@ -1,4 +1,4 @@
-"""Each line a user may write, with what it is taken for, or with what is said against it and where."""
+"""Test the result of each line that a user may write: a field, a constant, or a diagnostic and its position."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ def read(text: str, dialect: str = "ros2", kind: str = "msg") -> tuple[list[Mess
     return list(parse(source, dialect, report)), report.diagnostics
 
 
-def message(text: str, dialect: str = "ros2") -> Message:
-    (found,), findings = read(text, dialect)
+def read_message(text: str, dialect: str = "ros2") -> Message:
+    (result,), findings = read(text, dialect)
     assert not findings, [str(finding) for finding in findings]
-    return found
+    return result
 
 
 def only_field(text: str, dialect: str = "ros2") -> Field:
-    (field,) = message(text, dialect).fields
+    (field,) = read_message(text, dialect).fields
     return field
 
 
 def only_constant(text: str, dialect: str = "ros2") -> Constant:
-    (constant,) = message(text, dialect).constants
+    (constant,) = read_message(text, dialect).constants
     return constant
 
 
@@ -144,8 +144,8 @@ def test_constants(dialect, line, value):
     assert type(constant.value) is type(value)
 
 
-# dialect, line, code, column, width: all that the first diagnostic must point at
-WRONG = [
+# dialect, line; code, column and width of the only diagnostic
+FAULTS = [
     ("ros2", "int32", "SHM003", 1, 5),
     ("ros2", " int32 =5", "SHM003", 2, 5),
     ("ros2", "int32[3][3] x", "SHM003", 1, 11),
@@ -214,8 +214,8 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("dialect", "text", "code", "column", "width"), WRONG)
-def test_what_is_wrong_is_pointed_at(dialect, text, code, column, width):
+@pytest.mark.parametrize(("dialect", "text", "code", "column", "width"), FAULTS)
+def test_diagnostic_points_at_the_fault(dialect, text, code, column, width):
     _, (finding,) = read(text, dialect)
     lines = text.split("\n")
     assert (finding.code, finding.span.column, finding.span.width) == (code, column, width), str(finding)
@@ -224,7 +224,7 @@ def test_what_is_wrong_is_pointed_at(dialect, text, code, column, width):
     assert len(str(finding)) < 1000
 
 
-def test_a_diagnostic_in_full():
+def test_text_of_a_diagnostic():
     _, (finding,) = read("# heading\nint8 small 300 # too much\n")
     assert str(finding) == (
         "Foo.msg:2:12: error[SHM005]: `300` is not in -128..127, the range of int8\n"
@@ -234,34 +234,34 @@ def test_a_diagnostic_in_full():
     )
 
 
-def test_all_of_a_file_is_told_but_no_flood():
+def test_all_faults_are_reported_up_to_20():
     _, findings = read("int8\nint8 x\nint9000 y 5\nint8 x\n")
     assert [finding.span.line for finding in findings] == [1, 3, 4]
     assert len(read("int8\n" * 1000)[1]) == 20
 
 
-def test_a_terminal_gets_no_control_characters():
+def test_diagnostics_contain_no_control_characters():
     for text in ("int8 \x1b[2J", "int8 \u202egnp", "int8\x85x"):
         _, findings = read(text)
         assert findings
         assert all(c.isprintable() or c == "\n" for finding in findings for c in str(finding))
 
 
-def test_ros1_names_are_free_and_field_and_constant_share_them():
-    assert [field.name for field in message("float64[9] K\nfloat32 T__\n", "ros1").fields] == ["K", "T__"]
+def test_ros1_accepts_any_names_but_no_duplicates():
+    assert [field.name for field in read_message("float64[9] K\nfloat32 T__\n", "ros1").fields] == ["K", "T__"]
     assert [finding.code for finding in read("int8 A\nint8 A=1", "ros1")[1]] == ["SHM201"]
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_line_ends(end):
+def test_all_line_ends_are_equal(end):
     text = "# About\n\nint8 a\nint8 B=1\n"
-    assert message(text.replace("\n", end)) == message(text)
-    assert message(text.replace("\n", end)).text == text
+    assert read_message(text.replace("\n", end)) == read_message(text)
+    assert read_message(text.replace("\n", end)).text == text
 
 
-def test_an_empty_message():
+def test_empty_message():
     for text in ("", "\n\n", "# only words"):
-        assert message(text).fields == ()
+        assert read_message(text).fields == ()
 
 
 @pytest.mark.parametrize(
@@ -273,13 +273,13 @@ def test_an_empty_message():
         ("action", "int8 a\n---\n---\n", ["Foo_Goal", "Foo_Result", "Foo_Feedback"]),
     ],
 )
-def test_parts(kind, text, names):
-    found, findings = read(text, kind=kind)
+def test_parts_of_services_and_actions(kind, text, names):
+    messages, findings = read(text, kind=kind)
     assert not findings
-    assert [part.name for part in found] == [TypeName("demo_msgs", kind, name) for name in names]
+    assert [part.name for part in messages] == [TypeName("demo_msgs", kind, name) for name in names]
 
 
-def test_a_part_knows_its_text_its_place_and_its_siblings():
+def test_part_has_its_text_position_and_package():
     (request, response), findings = read("# Ask\nBar a\n---\n# Answer\n\nint8 b\n", kind="srv")
     assert not findings
     assert (request.text, response.text) == ("# Ask\nBar a", "# Answer\n\nint8 b\n")
@@ -292,9 +292,9 @@ def test_a_part_knows_its_text_its_place_and_its_siblings():
     ("kind", "text", "line"),
     [("msg", "int8 a\n---\n", 2), ("srv", "int8 a\n", 2), ("srv", "---\n---\n", 2), ("action", "---", 1)],
 )
-def test_a_wrong_number_of_parts(kind, text, line):
-    found, (finding,) = read(text, kind=kind)
-    assert (found, finding.code, finding.span.line) == ([], "SHM003", line)
+def test_wrong_number_of_parts_is_rejected(kind, text, line):
+    messages, (finding,) = read(text, kind=kind)
+    assert (messages, finding.code, finding.span.line) == ([], "SHM003", line)
 
 
 DOCUMENTED = """\
@@ -317,9 +317,9 @@ uint8 bare
 
 
 def test_comments_become_documentation():
-    found = message(DOCUMENTED)
-    assert found.doc == "A joint.\n  Indented."
-    fields = {field.name: (field.doc, field.unit) for field in found.fields}
+    message = read_message(DOCUMENTED)
+    assert message.doc == "A joint.\n  Indented."
+    fields = {field.name: (field.doc, field.unit) for field in message.fields}
     assert fields == {
         "position": ("Where it is [rad]\nfor revolute joints\nat the stamp\n[really]", ""),
         "velocity": ("how fast", "m/s"),
@@ -327,11 +327,11 @@ def test_comments_become_documentation():
         "range": ("[0, 1], and name[i]", ""),
         "bare": ("", ""),
     }
-    assert found.constants[0].doc == "all [well]"
+    assert message.constants[0].doc == "all [well]"
 
 
 @pytest.mark.parametrize(
-    ("text", "of_message", "of_field"),
+    ("text", "message_doc", "field_doc"),
     [
         ("# top\nint8 a", "top", ""),
         ("\n# first, not at the top\nint8 a", "", "first, not at the top"),
@@ -342,9 +342,9 @@ def test_comments_become_documentation():
         ("int8 a # behind\n# above the next\nint8 b", "", "behind"),
     ],
 )
-def test_whose_comment_it_is(text, of_message, of_field):
-    found = message(text)
-    assert (found.doc, found.fields[0].doc) == (of_message, of_field)
+def test_comment_belongs_to_message_or_field(text, message_doc, field_doc):
+    message = read_message(text)
+    assert (message.doc, message.fields[0].doc) == (message_doc, field_doc)
 
 
 @pytest.mark.parametrize("unit", ["m", "m/s^2", "°C", "%", "kg-m^2", "(meters/second)^2", "deg per second", "-"])
@@ -352,7 +352,7 @@ def test_units(unit):
     assert only_field(f"int8 a # about [{unit}] it").unit == unit
 
 
-def test_a_unit_may_touch_its_word():
+def test_unit_may_touch_the_word_before():
     field = only_field("float32 bearing # Bearing angle[rad], from north")
     assert (field.doc, field.unit) == ("Bearing angle, from north", "rad")
 
@@ -360,7 +360,7 @@ def test_a_unit_may_touch_its_word():
 @pytest.mark.parametrize(
     "text", ["name[i]", "m[k]", "[3]", "[-1]", "[0, 1]", "[0-1]", "[1..255]", "[A_B]", "[]", "[a b]"]
 )
-def test_no_units(text):
+def test_other_brackets_are_not_units(text):
     field = only_field(f"int8 a # {text}")
     assert (field.doc, field.unit) == (text, "")
 
@@ -385,13 +385,13 @@ def test_no_units(text):
     ids=range(13),
 )
 @pytest.mark.family("[0]", "[1]", "[2]")
-def test_nothing_takes_long(text):
-    """A pattern that backtracks would need minutes here, not the second that all of these take."""
+def test_long_input_is_parsed_quickly(text):
+    """Parse all inputs within a second. A regular expression that backtracks would need minutes."""
     for dialect in ("ros1", "ros2"):
         read(text, dialect)
 
 
-def test_where_the_parts_of_a_file_are_told_to_be() -> None:
+def test_positions_of_parts() -> None:
     _, (finding,) = read("bool a\n---\n---  # one too many\nbool b\n", kind="srv")
     assert (finding.code, finding.span.line, finding.span.column, finding.span.width) == ("SHM003", 3, 1, 3)
     (request, response), findings = read("---\nbool b\n", kind="srv")
@@ -399,8 +399,8 @@ def test_where_the_parts_of_a_file_are_told_to_be() -> None:
     assert [(part.span.line, part.span.column) for part in (request, response)] == [(0, 1), (2, 1)]
 
 
-def test_a_byte_is_known_by_its_word() -> None:
-    assert [field.word for field in message("byte a\nuint8 b\nchar c\nbyte[2] d\n").fields] == [
+def test_byte_keeps_its_word() -> None:
+    assert [field.word for field in read_message("byte a\nuint8 b\nchar c\nbyte[2] d\n").fields] == [
         "byte",
         "",
         "",
@@ -408,10 +408,10 @@ def test_a_byte_is_known_by_its_word() -> None:
     ]
 
 
-def test_a_default_with_an_equals_sign_is_told_only_where_it_may_be_one() -> None:
-    said = {text: str(read(text)[1][0]) for text in ("int8 speed=1\n", "int8 A__B=1\n", "int8 Speed\n")}
+def test_hint_about_equals_sign_only_for_defaults() -> None:
+    diagnostics = {line: str(read(line)[1][0]) for line in ("int8 speed=1\n", "int8 A__B=1\n", "int8 Speed\n")}
     hint = "write a default without `=`"
-    assert {text: hint in told for text, told in said.items()} == {
+    assert {line: hint in text for line, text in diagnostics.items()} == {
         "int8 speed=1\n": True,
         "int8 A__B=1\n": False,
         "int8 Speed\n": False,

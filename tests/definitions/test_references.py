@@ -1,4 +1,4 @@
-"""Every real definition, read here and by ROS's own implementations: equal, or a difference with its reason."""
+"""Compare how shmgen and ROS's own implementations read all real definitions; each difference has a reason."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shmgen.definitions.parser import Source, parse
 from shmgen.definitions.tokens import Dialect
 from tests.conftest import SHARED
 from tests.definitions import references
-from tests.definitions.references import Answer, Definition, Read, Refused
+from tests.definitions.references import Answer, Definition, MessageInfo, Refusal
 
 CORPUS = SHARED / "corpus"
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(not CORPUS.is_dir(), reason="no corpus of real d
 
 
 class Difference(NamedTuple):
-    """`places`, where these references read something else; each place must do so still."""
+    """The `places` where these references differ from shmgen. Each place must still differ."""
 
     references: set[str]
     places: set[str]
@@ -77,102 +77,102 @@ COMPARED = {"jazzy": {"msg": 470, "srv": 64, "action": 11}, "noetic": {"msg": 15
 
 
 def definitions(distribution: str) -> list[Definition]:
-    found = []
+    result = []
     for kind, count in COMPARED[distribution].items():
         files = sorted(CORPUS.glob(f"{distribution}/*/{kind}/*.{kind}"))
         assert len(files) == count
-        found += [Definition(file.parts[-3], kind, file.stem, file.read_text(encoding="utf-8")) for file in files]
-    return found
+        result += [Definition(file.parts[-3], kind, file.stem, file.read_text(encoding="utf-8")) for file in files]
+    return result
 
 
-def read_here(definition: Definition, dialect: Dialect) -> tuple[Answer, list[str]]:
-    """And the texts of the parts."""
+def read_with_shmgen(definition: Definition, dialect: Dialect) -> tuple[Answer, list[str]]:
+    """Return the messages that shmgen reads, or a refusal, and the texts of the parts."""
     report = Report()
     name = TypeName(definition.package, definition.kind, definition.name)
     messages = parse(Source(name, definition.text, "", ""), dialect, report)
-    written = {name.name + ending for ending in references.ENDINGS[name.kind]}
-    messages = tuple(message for message in messages if message.name.name in written)
+    user_written = {name.name + ending for ending in references.ENDINGS[name.kind]}
+    messages = tuple(message for message in messages if message.name.name in user_written)
     texts = [message.text for message in messages]
     return (
-        Refused(report.diagnostics[0].code, False)
+        Refusal(report.diagnostics[0].code, False)
         if report.diagnostics
-        else tuple(references.ours(message) for message in messages)
+        else tuple(references.from_shmgen(message) for message in messages)
     ), texts
 
 
-def differences(here: Answer, there: Answer, name: str, with_defaults: bool) -> set[str]:
-    """What of the definition, such as `demo_msgs/msg/Foo.speed unit`, is not the same."""
-    match here, there:
-        case Refused(), Refused():
+def differences(own: Answer, other_answer: Answer, name: str, with_defaults: bool) -> set[str]:
+    """Return the places that differ, such as `demo_msgs/msg/Foo.speed unit`."""
+    match own, other_answer:
+        case Refusal(), Refusal():
             return set()
-        case Refused(), _:
+        case Refusal(), _:
             return {f"{name} taken"}
-        case _, Refused():
+        case _, Refusal():
             return {f"{name} refused"}
-    found: set[str] = set()
-    for ours, theirs in zip(here, there, strict=True):
-        found |= unlike(ours if with_defaults else references.without_defaults(ours), theirs)
-    return found
+    places: set[str] = set()
+    for ours, theirs in zip(own, other_answer, strict=True):
+        places |= message_differences(ours if with_defaults else references.without_defaults(ours), theirs)
+    return places
 
 
-def unlike(ours: Read, theirs: Read) -> set[str]:
-    found = set()
+def message_differences(ours: MessageInfo, theirs: MessageInfo) -> set[str]:
+    places = set()
     for kind in ("fields", "constants"):
-        one, other = ({item.name: item for item in getattr(read, kind)} for read in (ours, theirs))
+        one, other = ({item.name: item for item in getattr(message, kind)} for message in (ours, theirs))
         if list(one) != list(other) or ours.name != theirs.name:
-            found.add(f"{ours.name} {kind}")
+            places.add(f"{ours.name} {kind}")
         for name in one.keys() & other.keys():
             parts = zip(one[name]._fields, one[name], other[name], strict=True)
-            found |= {f"{ours.name}.{name} {part}" for part, mine, yours in parts if repr(mine) != repr(yours)}
-    return found
+            places |= {f"{ours.name}.{name} {part}" for part, a, b in parts if repr(a) != repr(b)}
+    return places
 
 
-def compare(
-    distribution: str, dialect: Dialect, reference: str, read: Callable[[Sequence[Definition], list], list[Answer]]
+def check(
+    distribution: str, dialect: Dialect, reference: str, run: Callable[[Sequence[Definition], list], list[Answer]]
 ) -> None:
-    wanted = definitions(distribution)
-    here, texts = zip(*(read_here(definition, dialect) for definition in wanted), strict=True)
-    found: set[str] = set()
-    for definition, ours, theirs in zip(wanted, here, read(wanted, list(texts)), strict=True):
-        found |= differences(ours, theirs, "/".join(definition[:3]), reference in ROSIDL)
-    named = {place for row in DIFFERENCES if reference in row.references for place in row.places}
-    assert found == (named if dialect == "ros2" else set())
+    inputs = definitions(distribution)
+    own, texts = zip(*(read_with_shmgen(definition, dialect) for definition in inputs), strict=True)
+    places: set[str] = set()
+    for definition, ours, theirs in zip(inputs, own, run(inputs, list(texts)), strict=True):
+        places |= differences(ours, theirs, "/".join(definition[:3]), reference in ROSIDL)
+    expected = {place for row in DIFFERENCES if reference in row.references for place in row.places}
+    assert places == (expected if dialect == "ros2" else set())
 
 
 @pytest.mark.parametrize(("distribution", "dialect"), [("jazzy", "ros2"), ("noetic", "ros1")])
-def test_as_rosbags_reads_it(distribution: str, dialect: Dialect) -> None:
-    compare(distribution, dialect, "rosbags", lambda wanted, texts: references.rosbags(wanted, texts, dialect))
+def test_corpus_matches_rosbags(distribution: str, dialect: Dialect) -> None:
+    check(distribution, dialect, "rosbags", lambda inputs, texts: references.run_rosbags(inputs, texts, dialect))
 
 
 needs_rosidl = pytest.mark.skipif(
-    references.interpreter("by_rosidl.py") is None, reason="no rosidl_adapter here: apt-get install python3-rosidl"
+    references.interpreter("by_rosidl.py") is None, reason="rosidl_adapter is missing: apt-get install python3-rosidl"
 )
 needs_genmsg = pytest.mark.skipif(
-    references.interpreter("by_genmsg.py") is None, reason="no genmsg here: apt-get install python3-genmsg"
+    references.interpreter("by_genmsg.py") is None, reason="genmsg is missing: apt-get install python3-genmsg"
 )
 
 
 @needs_rosidl
-def test_as_rosidl_adapter_reads_it() -> None:
-    compare("jazzy", "ros2", "rosidl_adapter", lambda wanted, _: references.rosidl_adapter(wanted))
+def test_corpus_matches_rosidl_adapter() -> None:
+    check("jazzy", "ros2", "rosidl_adapter", lambda inputs, _: references.run_rosidl_adapter(inputs))
 
 
 @pytest.mark.slow
 @needs_rosidl
-def test_as_rosidl_parser_reads_its_idl() -> None:
-    compare("jazzy", "ros2", "rosidl_parser", lambda wanted, _: references.rosidl_parser(wanted, comments=False))
+def test_corpus_matches_rosidl_parser() -> None:
+    check("jazzy", "ros2", "rosidl_parser", lambda inputs, _: references.run_rosidl_parser(inputs, comments=False))
 
 
 @needs_genmsg
-def test_as_genmsg_reads_it() -> None:
-    compare("noetic", "ros1", "genmsg", lambda wanted, _: references.genmsg(wanted))
+def test_corpus_matches_genmsg() -> None:
+    check("noetic", "ros1", "genmsg", lambda inputs, _: references.run_genmsg(inputs))
 
 
-def test_a_difference_is_seen() -> None:
-    """All four parts of a field, and a constant."""
-    field = references.FieldRead("speed", "float64", 1.0, "m/s")
-    one = Read("demo_msgs/msg/Foo", (field,), (references.ConstantRead("MOST", "uint8", 1),))
+def test_comparison_detects_a_difference() -> None:
+    """Change each of the four parts of a field, and a constant."""
+    field = references.FieldInfo("speed", "float64", 1.0, "m/s")
+    one = MessageInfo("demo_msgs/msg/Foo", (field,), (references.ConstantInfo("MOST", "uint8", 1),))
     for change in ({"name": "s"}, {"type": "float32"}, {"default": 1}, {"unit": ""}):
-        assert unlike(one, one._replace(fields=(field._replace(**change),)))
-    assert unlike(one, one._replace(constants=(one.constants[0]._replace(value=True),)))
-    assert unlike(one, one) == set()
+        assert message_differences(one, one._replace(fields=(field._replace(**change),)))
+    assert message_differences(one, one._replace(constants=(one.constants[0]._replace(value=True),)))
+    assert message_differences(one, one) == set()

@@ -1,4 +1,4 @@
-"""The messages that shmgen makes for a .srv or .action, whatever dialect it is written in."""
+"""Test the messages that shmgen adds to a .srv or .action, in both dialects."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def lay_out(root: Path, *requests: str, source: str = "jazzy") -> Layouts:
 
 
 @pytest.mark.parametrize("source", ["jazzy", "noetic"])
-def test_the_bytes_of_the_wrappers(tmp_path: Path, source: str) -> None:
+def test_offsets_of_the_wrappers(tmp_path: Path, source: str) -> None:
     layouts = lay_out(tmp_path, "cell_msgs", source=source)
     members = {
         name.name: [f"{slot.offset} {slot.name}" for slot in layouts[name].slots if slot.name[0] != "_"]
@@ -38,7 +38,7 @@ def test_the_bytes_of_the_wrappers(tmp_path: Path, source: str) -> None:
     assert all(layout.requested for layout in layouts.values())
 
 
-def test_a_service_is_whole_only_with_all_its_parts(tmp_path: Path) -> None:
+def test_service_requires_all_its_parts(tmp_path: Path) -> None:
     start, move = TypeName("cell_msgs", "srv", "Start"), TypeName("cell_msgs", "action", "Move")
     assert list(interfaces.services(lay_out(tmp_path, "cell_msgs/Start"))) == [start]
     assert list(interfaces.actions(lay_out(tmp_path, "cell_msgs/action/Move"))) == [move]
@@ -47,7 +47,7 @@ def test_a_service_is_whole_only_with_all_its_parts(tmp_path: Path) -> None:
     assert not [*interfaces.services(parts), *interfaces.actions(parts)]
 
 
-def test_a_changed_response_changes_the_reply(tmp_path: Path) -> None:
+def test_changed_response_changes_the_digest_of_the_reply(tmp_path: Path) -> None:
     reply = TypeName("cell_msgs", "srv", "Start_Reply")
     before = lay_out(tmp_path, "cell_msgs/Start")[reply]
     (tmp_path / "cell_msgs/srv/Stop.srv").write_text("bool on\n---\nuint16 result\n")
@@ -56,9 +56,9 @@ def test_a_changed_response_changes_the_reply(tmp_path: Path) -> None:
     assert before.digest != after.digest
 
 
-def test_a_broken_service_has_no_wrapper(tmp_path: Path) -> None:
+def test_invalid_service_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "cell_msgs" / "srv").mkdir(parents=True)
     (tmp_path / "cell_msgs" / "srv" / "Bad.srv").write_text("bool on\n")
     with pytest.raises(Rejected) as caught:
         lay_out(tmp_path, "cell_msgs/Bad")
-    assert [found.code for found in caught.value.diagnostics] == ["SHM003"]
+    assert [diagnostic.code for diagnostic in caught.value.diagnostics] == ["SHM003"]

@@ -1,7 +1,7 @@
-"""What the reference implementations make of a definition, in words that can be compared with ours.
+"""Read definitions with the reference implementations, and return results that are comparable with shmgen's.
 
-rosidl_adapter, rosidl_parser and genmsg are Debian packages, and seen by its own Python only: each is run once, as a
-process that reads many definitions. rosbags is a package of PyPI, and called.
+rosidl_adapter, rosidl_parser and genmsg are Debian packages, which only Debian's Python can import. A single process
+per package reads all definitions. rosbags is a package of PyPI, which this module imports.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from shmgen.core.model import Array, Clock, FieldType, Message, Ref, ros_type
 from shmgen.core.model import Sequence as SequenceType
 from shmgen.definitions.tokens import Dialect
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 ENDINGS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
-"""Kind -> the endings of the messages that a user wrote in such a file."""
+"""The suffixes of the messages in a file, by the kind of the file."""
 
 
 class Definition(NamedTuple):
-    """One file; the text as a program gets it that opened the file as text in UTF-8."""
+    """One file. The text is the content of the file, opened as text in UTF-8."""
 
     package: str
     kind: str
@@ -38,8 +38,8 @@ class Definition(NamedTuple):
     text: str
 
 
-class FieldRead(NamedTuple):
-    """`type` as ROS 2 spells it, in full: `string<=10[<=5]`, `geometry_msgs/msg/Pose`, `uint8` for byte and char."""
+class FieldInfo(NamedTuple):
+    """`type` is the full type in ROS 2: `string<=10[<=5]`, `geometry_msgs/msg/Pose`, or `uint8` for byte and char."""
 
     name: str
     type: str
@@ -47,30 +47,30 @@ class FieldRead(NamedTuple):
     unit: str = ""
 
 
-class ConstantRead(NamedTuple):
+class ConstantInfo(NamedTuple):
     name: str
     type: str
     value: Any
 
 
-class Read(NamedTuple):
+class MessageInfo(NamedTuple):
     """One message."""
 
     name: str
-    fields: tuple[FieldRead, ...]
-    constants: tuple[ConstantRead, ...]
+    fields: tuple[FieldInfo, ...]
+    constants: tuple[ConstantInfo, ...]
 
 
-class Refused(NamedTuple):
-    """By an exception that says what is wrong with the definition; `crashed` if it is one of Python's own mishaps."""
+class Refusal(NamedTuple):
+    """An exception that describes the problem. `crashed` is true for an accidental exception of Python."""
 
     exception: str
     crashed: bool
 
 
-Answer = tuple[Read, ...] | Refused
+Answer = tuple[MessageInfo, ...] | Refusal
 
-REFUSALS = {
+DELIBERATE_ERRORS = {
     "InvalidSpecification",
     "InvalidValue",
     "InvalidMsgSpec",
@@ -79,66 +79,66 @@ REFUSALS = {
     "NameError",
     "ValueError",
 }
-"""rosidl_adapter raises the last three on purpose."""
+"""rosidl_adapter raises the last three deliberately."""
 
 
-def ours(message: Message) -> Read:
-    fields = (FieldRead(field.name, spelled(field.type), listed(field.default), field.unit) for field in message.fields)
-    constants = (ConstantRead(constant.name, ros_type(constant.type), constant.value) for constant in message.constants)
-    return Read(str(message.name), tuple(fields), tuple(constants))
+def from_shmgen(message: Message) -> MessageInfo:
+    fields = (FieldInfo(it.name, spell_type(it.type), as_list(it.default), it.unit) for it in message.fields)
+    constants = (ConstantInfo(it.name, ros_type(it.type), it.value) for it in message.constants)
+    return MessageInfo(str(message.name), tuple(fields), tuple(constants))
 
 
-def spelled(type_: FieldType) -> str:
+def spell_type(type_: FieldType) -> str:
     match type_:
         case Clock():
             return f"builtin_interfaces/msg/{type_.value.capitalize()}"
         case Ref(name):
             return str(name)
         case Array(element, length):
-            return f"{spelled(element)}[{length}]"
+            return f"{spell_type(element)}[{length}]"
         case SequenceType(element, capacity):
-            return f"{spelled(element)}[{'' if capacity is None else f'<={capacity}'}]"
+            return f"{spell_type(element)}[{'' if capacity is None else f'<={capacity}'}]"
     return ros_type(type_)
 
 
-def without_defaults(read: Read) -> Read:
-    """And units: what rosbags and genmsg tell."""
-    return read._replace(fields=tuple(FieldRead(field.name, field.type) for field in read.fields))
+def without_defaults(message: MessageInfo) -> MessageInfo:
+    """Remove defaults and units, which rosbags and genmsg do not return."""
+    return message._replace(fields=tuple(FieldInfo(field.name, field.type) for field in message.fields))
 
 
-def listed(value: Any) -> Any:
+def as_list(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def rosidl_adapter(definitions: Sequence[Definition]) -> list[Answer]:
-    return _run("by_rosidl.py", "adapter", definitions, "ros2")
+def run_rosidl_adapter(definitions: Sequence[Definition]) -> list[Answer]:
+    return _run_script("by_rosidl.py", "adapter", definitions, "ros2")
 
 
-def rosidl_parser(definitions: Sequence[Definition], comments: bool = True) -> list[Answer]:
-    """Of the .idl that rosidl_adapter makes of each; without the comments it takes a third of the time."""
-    return _run("by_rosidl.py", "parser" if comments else "parser-without-comments", definitions, "ros2")
+def run_rosidl_parser(definitions: Sequence[Definition], comments: bool = True) -> list[Answer]:
+    """Parse the .idl that rosidl_adapter generates. Without comments, this takes a third of the time."""
+    return _run_script("by_rosidl.py", "parser" if comments else "parser-without-comments", definitions, "ros2")
 
 
-def genmsg(definitions: Sequence[Definition]) -> list[Answer]:
-    return _run("by_genmsg.py", "", definitions, "ros1")
+def run_genmsg(definitions: Sequence[Definition]) -> list[Answer]:
+    return _run_script("by_genmsg.py", "", definitions, "ros1")
 
 
-def rosbags(definitions: Sequence[Definition], texts: Sequence[Sequence[str]], dialect: Dialect) -> list[Answer]:
-    """It reads no .srv and no .action, so `texts` are those of their parts, each taken for a message."""
-    return [_rosbags(*pair, dialect) for pair in zip(definitions, texts, strict=True)]
+def run_rosbags(definitions: Sequence[Definition], texts: Sequence[Sequence[str]], dialect: Dialect) -> list[Answer]:
+    """Read `texts`, the parts of each definition, as messages, because rosbags reads no .srv and no .action."""
+    return [_run_rosbags(*pair, dialect) for pair in zip(definitions, texts, strict=True)]
 
 
-def of_typesdict(name: str, entry: Any, dialect: Dialect) -> Read:
-    """One message of rosbags, which tells no defaults."""
+def from_rosbags(name: str, entry: Any, dialect: Dialect) -> MessageInfo:
+    """Convert one message of rosbags, which returns no defaults."""
     constants, fields = entry
-    return Read(
+    return MessageInfo(
         name,
-        tuple(FieldRead(field, plain(_node(type_), dialect)) for field, type_ in fields if field != _FILLER),
-        tuple(ConstantRead(constant, plain(type_, dialect), value) for constant, type_, value in constants),
+        tuple(FieldInfo(field, spell(_node(type_), dialect)) for field, type_ in fields if field != _FILLER),
+        tuple(ConstantInfo(constant, spell(type_, dialect), value) for constant, type_, value in constants),
     )
 
 
-def _rosbags(definition: Definition, texts: Sequence[str], dialect: Dialect) -> Answer:
+def _run_rosbags(definition: Definition, texts: Sequence[str], dialect: Dialect) -> Answer:
     messages = []
     for text, ending in zip(texts, ENDINGS[definition.kind], strict=True):
         name = f"{definition.name}{ending}"
@@ -146,8 +146,8 @@ def _rosbags(definition: Definition, texts: Sequence[str], dialect: Dialect) -> 
         try:
             entry = get_types_from_msg(text, as_message)[as_message]
         except Exception as error:
-            return _refused([class_.__name__ for class_ in type(error).__mro__])
-        messages.append(of_typesdict(f"{definition.package}/{definition.kind}/{name}", entry, dialect))
+            return _rejection([class_.__name__ for class_ in type(error).__mro__])
+        messages.append(from_rosbags(f"{definition.package}/{definition.kind}/{name}", entry, dialect))
     return tuple(messages)
 
 
@@ -164,8 +164,8 @@ def _node(type_: Any) -> str:
     return f"{_node(content[0])}[{'<=' if kind == Nodetype.SEQUENCE and bound else ''}{bound}]"
 
 
-def plain(type_: str, dialect: Dialect) -> str:
-    """A reference's spelling as ours."""
+def spell(type_: str, dialect: Dialect) -> str:
+    """Convert the type name of a reference to shmgen's spelling."""
     base = re.match(r"[^<\[]*", type_)
     assert base
     words = {
@@ -181,61 +181,61 @@ def plain(type_: str, dialect: Dialect) -> str:
     return name + type_[base.end() :]
 
 
-def _run(script: str, argument: str, definitions: Sequence[Definition], dialect: Dialect) -> list[Answer]:
+def _run_script(script: str, argument: str, definitions: Sequence[Definition], dialect: Dialect) -> list[Answer]:
     python = interpreter(script)
-    assert python, f"no Python here that could run {script}"
+    assert python, f"no Python can run {script}"
     done = subprocess.run(
-        [python, str(HERE / script), argument],
+        [python, str(FOLDER / script), argument],
         input=json.dumps(definitions),
         capture_output=True,
         text=True,
         check=True,
-        env=_clean(),
+        env=_env(),
     )
-    return [_answer(answer, dialect) for answer in json.loads(done.stdout)]
+    return [_parse_answer(answer, dialect) for answer in json.loads(done.stdout)]
 
 
-def _answer(answer: list[Any], dialect: Dialect) -> Answer:
+def _parse_answer(answer: list[Any], dialect: Dialect) -> Answer:
     if isinstance(answer[0], str):
-        return _refused(answer)
+        return _rejection(answer)
     return tuple(
-        Read(
+        MessageInfo(
             name,
-            tuple(FieldRead(field, plain(type_, dialect), default, unit) for field, type_, default, unit in fields),
-            tuple(ConstantRead(constant, plain(type_, dialect), value) for constant, type_, value in constants),
+            tuple(FieldInfo(field, spell(type_, dialect), default, unit) for field, type_, default, unit in fields),
+            tuple(ConstantInfo(constant, spell(type_, dialect), value) for constant, type_, value in constants),
         )
         for name, fields, constants in answer
     )
 
 
-def _refused(classes: list[str]) -> Refused:
-    on_purpose = not REFUSALS.isdisjoint(classes) and "UnicodeError" not in classes
-    return Refused(classes[0], not on_purpose)
+def _rejection(classes: list[str]) -> Refusal:
+    is_deliberate = not DELIBERATE_ERRORS.isdisjoint(classes) and "UnicodeError" not in classes
+    return Refusal(classes[0], not is_deliberate)
 
 
 @functools.cache
-def versions() -> dict[str, str]:
-    """Of those that are here."""
-    found = {"rosbags": metadata.version("rosbags")}
+def find_versions() -> dict[str, str]:
+    """Return the versions of the installed references."""
+    versions = {"rosbags": metadata.version("rosbags")}
     for script, packages in {"by_rosidl.py": ("rosidl_adapter", "rosidl_parser"), "by_genmsg.py": ("genmsg",)}.items():
         if python := interpreter(script):
-            ask = f"from importlib.metadata import version; print(*map(version, {packages!r}))"
-            done = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=True, env=_clean())
-            found |= dict(zip(packages, done.stdout.split(), strict=True))
-    return found
+            code = f"from importlib.metadata import version; print(*map(version, {packages!r}))"
+            done = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True, env=_env())
+            versions |= dict(zip(packages, done.stdout.split(), strict=True))
+    return versions
 
 
-def _clean() -> dict[str, str]:
-    """The environment without what it says to Python: theirs is another one."""
+def _env() -> dict[str, str]:
+    """Return the environment without variables of Python, because the script runs in another Python."""
     return {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
 
 
 @functools.cache
 def interpreter(script: str) -> str | None:
-    """A Python that has the packages `script` imports: Debian's, mostly."""
+    """Return a Python that can import the packages of `script`, usually Debian's, or None."""
     module = {"by_rosidl.py": "rosidl_parser.parser, rosidl_adapter.resource", "by_genmsg.py": "genmsg"}[script]
     for python in (sys.executable, "/usr/bin/python3"):
-        done = subprocess.run([python, "-c", f"import {module}"], capture_output=True, check=False, env=_clean())
+        done = subprocess.run([python, "-c", f"import {module}"], capture_output=True, check=False, env=_env())
         if done.returncode == 0:
             return python
     return None

@@ -1,7 +1,7 @@
-"""What genmsg (ROS 1) makes of definitions; to be run on its own.
+"""Read definitions with genmsg (ROS 1). This script runs in its own process.
 
-Standard input: [[package, kind, name, text], …]. Standard output: as by_rosidl.py has it, without defaults and units.
-genmsg leaves .action to others: those are split here as it splits a .srv, at each line that begins with `---`.
+Standard input: [[package, kind, name, text], …]. Standard output: equal to by_rosidl.py, without defaults and units.
+genmsg does not read .action, so this script splits them like a .srv, at each line that begins with `---`.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ def main() -> None:
         try:
             answers.append(
                 [
-                    read(specification, f"{package}/{kind}/{name}{ending}")
+                    to_answer(specification, f"{package}/{kind}/{name}{ending}")
                     for specification, ending in zip(
-                        specifications(package, kind, name, text), ENDINGS[kind], strict=True
+                        load_specifications(package, kind, name, text), ENDINGS[kind], strict=True
                     )
                 ]
             )
@@ -32,18 +32,18 @@ def main() -> None:
     json.dump(answers, sys.stdout)
 
 
-def specifications(package: str, kind: str, name: str, text: str) -> list:
-    context, full = msg_loader.MsgContext(), f"{package}/{name}"
+def load_specifications(package: str, kind: str, name: str, text: str) -> list:
+    context, full_name = msg_loader.MsgContext(), f"{package}/{name}"
     if kind == "msg":
-        return [msg_loader.load_msg_from_string(context, text, full)]
+        return [msg_loader.load_msg_from_string(context, text, full_name)]
     if kind == "srv":
-        found = msg_loader.load_srv_from_string(context, text, full)
-        return [found.request, found.response]
-    pieces = re.split(r"^---.*\n", text, flags=re.MULTILINE)
-    return [msg_loader.load_msg_from_string(context, piece, full) for piece in pieces]
+        service = msg_loader.load_srv_from_string(context, text, full_name)
+        return [service.request, service.response]
+    parts = re.split(r"^---.*\n", text, flags=re.MULTILINE)
+    return [msg_loader.load_msg_from_string(context, part, full_name) for part in parts]
 
 
-def read(specification: object, name: str) -> list:
+def to_answer(specification: object, name: str) -> list:
     fields = [[name, type_, None, ""] for type_, name in specification.fields()]
     constants = [[constant.name, constant.type, constant.val] for constant in specification.constants]
     return [name, fields, constants]

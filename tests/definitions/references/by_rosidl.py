@@ -1,7 +1,7 @@
-"""What rosidl_adapter and rosidl_parser (ROS 2) make of definitions; to be run on its own.
+"""Read definitions with rosidl_adapter and rosidl_parser (ROS 2). This script runs in its own process.
 
 Standard input: [[package, kind, name, text], …]; the argument: `adapter`, `parser` or `parser-without-comments`.
-Standard output: for each either its messages, as `Read` in __init__.py, or the names of the exception's classes.
+Standard output: for each its messages, as MessageInfo in __init__.py, or the names of the exception's classes.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ PARTS = {"msg": (), "srv": ("request", "response"), "action": ("goal", "result",
 def main(reference: str) -> None:
     answers: list[object] = []
     for package, kind, name, text in json.load(sys.stdin):
-        with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):
+        with open(os.devnull, "w") as null, contextlib.redirect_stderr(null):
             try:
-                found = PARSE[kind](package, name, text)
+                specification = PARSE[kind](package, name, text)
                 if reference == "adapter":
-                    answers.append([adapted(message, kind) for message in parts(found, kind)])
+                    answers.append([from_adapter(message, kind) for message in parts_of(specification, kind)])
                 else:
-                    answers.append(through_idl(found, package, kind, name, reference == "parser"))
+                    answers.append(convert_through_idl(specification, package, kind, name, reference == "parser"))
             except (Exception, SystemExit) as error:
                 answers.append([class_.__name__ for class_ in type(error).__mro__])
     json.dump(answers, sys.stdout)
 
 
-def parts(found: object, kind: str) -> list:
-    return [getattr(found, part) for part in PARTS[kind]] or [found]
+def parts_of(specification: object, kind: str) -> list:
+    return [getattr(specification, part) for part in PARTS[kind]] or [specification]
 
 
-def adapted(message: adapter.MessageSpecification, kind: str) -> list:
+def from_adapter(message: adapter.MessageSpecification, kind: str) -> list:
     fields = [
         [field.name, str(field.type), field.default_value, field.annotations.get("unit", "")]
         for field in message.fields
@@ -53,50 +53,50 @@ def adapted(message: adapter.MessageSpecification, kind: str) -> list:
     return [f"{message.base_type.pkg_name}/{kind}/{message.msg_name}", fields, constants]
 
 
-def through_idl(found: object, package: str, kind: str, name: str, with_comments: bool) -> list:
-    """Made into .idl by rosidl_adapter, as a build of ROS does it; comments take nine tenths of the time."""
-    for message in parts(found, kind):
+def convert_through_idl(specification: object, package: str, kind: str, name: str, with_comments: bool) -> list:
+    """Convert to .idl with rosidl_adapter, as a build of ROS does. Comments take nine tenths of the time."""
+    for message in parts_of(specification, kind):
         for item in (message, *message.fields, *message.constants):
             if not with_comments:
                 item.annotations["comment"] = []
-    data = {"pkg_name": package, "relative_input_file": f"{kind}/{name}.{kind}", kind: found}
+    data = {"pkg_name": package, "relative_input_file": f"{kind}/{name}.{kind}", kind: specification}
     text = evaluate_template(f"{kind}.idl.em", data)
-    text = text.encode("iso-8859-1").decode()  # so it is written by rosidl_adapter, and so read by rosidl_parser
+    text = text.encode("iso-8859-1").decode()  # rosidl_adapter writes Latin-1, rosidl_parser reads UTF-8
     (content,) = parser.parse_idl_string(text).get_elements_of_type((idl.Message, idl.Service, idl.Action))
     if isinstance(content, idl.Service):
-        return [parsed(content.request_message), parsed(content.response_message)]
-    return [parsed(message) for message in parts(content, kind)]
+        return [from_parser(content.request_message), from_parser(content.response_message)]
+    return [from_parser(message) for message in parts_of(content, kind)]
 
 
-def parsed(message: idl.Message) -> list:
+def from_parser(message: idl.Message) -> list:
     fields = [
-        [member.name, spelled(member.type), default(member), annotation(member, "unit", "")]
+        [member.name, spell_type(member.type), default_value(member), annotation_value(member, "unit", "")]
         for member in message.structure.members
         if member.name != "structure_needs_at_least_one_member"
     ]
     constants = [
-        [constant.name, spelled(constant.type).partition("<=")[0], constant.value] for constant in message.constants
+        [constant.name, spell_type(constant.type).partition("<=")[0], constant.value] for constant in message.constants
     ]
     return ["/".join(message.structure.namespaced_type.namespaced_name()), fields, constants]
 
 
-def default(member: idl.Member) -> object:
-    value = annotation(member, "default", None)
+def default_value(member: idl.Member) -> object:
+    value = annotation_value(member, "default", None)
     return ast.literal_eval(value) if isinstance(member.type, idl.AbstractNestedType) and value else value
 
 
-def annotation(member: idl.Member, name: str, missing: object) -> object:
-    return member.get_annotation_value(name)["value"] if member.has_annotation(name) else missing
+def annotation_value(member: idl.Member, name: str, fallback: object) -> object:
+    return member.get_annotation_value(name)["value"] if member.has_annotation(name) else fallback
 
 
-def spelled(type_: idl.AbstractType) -> str:
-    """As it would stand in a .msg."""
+def spell_type(type_: idl.AbstractType) -> str:
+    """Return the spelling of a type in a .msg."""
     if isinstance(type_, idl.Array):
-        return f"{spelled(type_.value_type)}[{type_.size}]"
+        return f"{spell_type(type_.value_type)}[{type_.size}]"
     if isinstance(type_, idl.BoundedSequence):
-        return f"{spelled(type_.value_type)}[<={type_.maximum_size}]"
+        return f"{spell_type(type_.value_type)}[<={type_.maximum_size}]"
     if isinstance(type_, idl.UnboundedSequence):
-        return f"{spelled(type_.value_type)}[]"
+        return f"{spell_type(type_.value_type)}[]"
     if isinstance(type_, idl.AbstractGenericString):
         word = "wstring" if isinstance(type_, idl.AbstractWString) else "string"
         return f"{word}<={type_.maximum_size}" if type_.has_maximum_size() else word
