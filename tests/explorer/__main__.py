@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from .build import build, explore, generated, instead, missing
+from .build import build, explore, generate, missing, replace_files
 from .faults import FAULTS
 from .scenes import SCENES
 
@@ -34,42 +34,42 @@ def main() -> int:
         print(f"no such scene: {', '.join(sorted(unknown))}; there are: {', '.join(SCENES)}")
         return 1
     with tempfile.TemporaryDirectory(prefix="shmgen-explorer-") as name:
-        wrong = _scenes(options, Path(name)) + (_faults(options, Path(name)) if options.faults else 0)
-    print("as it should be" if not wrong else f"{wrong} not as they should be")
-    return bool(wrong)
+        failures = _scenes(options, Path(name)) + (_faults(options, Path(name)) if options.faults else 0)
+    print("as it should be" if not failures else f"{failures} not as they should be")
+    return bool(failures)
 
 
-def said(verdict: dict[str, Any]) -> str:
+def format_verdict(verdict: dict[str, Any]) -> str:
     """Return a result as one line of text."""
-    what = verdict["found"] or ("holds" if verdict["complete"] else "nothing found, not complete")
-    return f"{what}, {verdict['schedules']:,} schedules, {verdict['seconds']:.2f} s"
+    result = verdict["found"] or ("holds" if verdict["complete"] else "nothing found, not complete")
+    return f"{result}, {verdict['schedules']:,} schedules, {verdict['seconds']:.2f} s"
 
 
 def _scenes(options: argparse.Namespace, folder: Path) -> int:
     programs = {}
     for sync in ("lock", "sequence"):
-        texts = generated(folder / sync, sync)
-        programs[sync] = build(folder / sync, instead(texts, options.instead) if options.instead else texts)
-    wrong = 0
+        texts = generate(folder / sync, sync)
+        programs[sync] = build(folder / sync, replace_files(texts, options.instead) if options.instead else texts)
+    failures = 0
     for scene in [SCENES[name] for name in options.names or SCENES]:
-        verdict, told = explore(programs[scene.sync], ["bits=26", *scene.arguments], options.seconds)
-        where = f" [{verdict['schedule']}]" if verdict["found"] else ""
-        print(f"{scene.name}: {said(verdict)}{where}", flush=True)
-        wrong += bool(verdict["found"]) or not verdict["complete"]
+        verdict, steps = explore(programs[scene.sync], ["bits=26", *scene.arguments], options.seconds)
+        schedule = f" [{verdict['schedule']}]" if verdict["found"] else ""
+        print(f"{scene.name}: {format_verdict(verdict)}{schedule}", flush=True)
+        failures += bool(verdict["found"]) or not verdict["complete"]
         if options.names:
-            print(told)
-    return wrong
+            print(steps)
+    return failures
 
 
 def _faults(options: argparse.Namespace, folder: Path) -> int:
-    texts = generated(folder)
-    wrong = 0
+    texts = generate(folder)
+    failures = 0
     for fault in FAULTS:
         program = build(folder / "fault", fault.planted(texts))
         verdict, _ = explore(program, SCENES[fault.scene].arguments, options.seconds)
-        print(f"{fault.name}: {said(verdict)}{f' ({fault.reason})' if fault.reason else ''}", flush=True)
-        wrong += not (verdict["found"] or fault.reason)
-    return wrong
+        print(f"{fault.name}: {format_verdict(verdict)}{f' ({fault.reason})' if fault.reason else ''}", flush=True)
+        failures += not (verdict["found"] or fault.reason)
+    return failures
 
 
 if __name__ == "__main__":

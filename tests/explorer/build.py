@@ -1,4 +1,4 @@
-"""Compiles the explorer with what shmgen generates: C headers as they are, Structured Text translated to C++."""
+"""Compiles the explorer with generated files: C headers unchanged, Structured Text translated to C++."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ DEFINITIONS = {
 }
 _SOFTPLC = HERE.parent / "softplc"
 _CORE = ("search.c", "actors.c", "memory.c", "files.c", "system.c", "checks.c")
-"""The explorer itself; all other sources are ends, in which the compiler calls memory.c for each access."""
+"""The explorer itself. All other sources are ends, in which the compiler calls memory.c for each access."""
 _ENDS = ("ends.c", "calls.c", "litmus.c")
 _RENAMED = [f"-D{name}=explored_{name}" for name in ("memcpy", "calloc", "free")]
 _STEPS = ("-O1", "-fsanitize=thread", "-Wno-tsan", "-DSHMGEN_LOOKS_FIRST=1")
-"""The headers look less, when they see the thread sanitizer, than they do as shipped: so they are told."""
+"""With the thread sanitizer, the headers switch SHMGEN_LOOKS_FIRST off; this switches it on, as shipped."""
 _C = ("gcc", "-std=gnu11", "-g", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror")
 _CPP = ("g++", "-std=gnu++17", "-g", "-w", "-fno-gnu-unique")
 TOOLS = ("gcc", "g++")
@@ -42,7 +42,7 @@ def missing() -> list[str]:
     return [tool for tool in TOOLS if shutil.which(tool) is None] + machine
 
 
-def generated(folder: Path, sync: str = "lock") -> dict[str, str]:
+def generate(folder: Path, sync: str = "lock") -> dict[str, str]:
     """Generate the files for the explorer's messages. Return their texts by path."""
     for path, text in DEFINITIONS.items():
         file = folder / "definitions" / path
@@ -58,7 +58,7 @@ def generated(folder: Path, sync: str = "lock") -> dict[str, str]:
     return pipeline.generate(config, ["ex_msgs"])
 
 
-def instead(texts: Mapping[str, str], folder: Path) -> dict[str, str]:
+def replace_files(texts: Mapping[str, str], folder: Path) -> dict[str, str]:
     """Return `texts`, with files of the same name in `folder` in place of the generated files."""
     others = {path.name: path.read_text() for path in folder.rglob("*") if path.suffix in (".h", ".st")}
     assert others.keys() <= {Path(path).name for path in texts}, f"{folder} holds files that are not generated"
@@ -78,12 +78,12 @@ def build(folder: Path, texts: Mapping[str, str]) -> Path:
         file.write_text(text)
     unit = "\n".join(translate({path: text for path, text in texts.items() if path.endswith(".st")}).units)
     (folder / "plc.hpp").write_text(unit)
-    where = [f"-I{path}" for path in (HERE, headers, headers / PACKAGE, _SOFTPLC)]
+    includes = [f"-I{path}" for path in (HERE, headers, headers / PACKAGE, _SOFTPLC)]
     c = {name: text for name, text in texts.items() if name.endswith(".h")}
-    jobs = [(HERE / name, [*_C, "-O2", *where], c if name == "files.c" else {}) for name in _CORE]
-    jobs += [(HERE / name, [*_C, *_STEPS, *_RENAMED, *where], c) for name in _ENDS]
-    jobs += [(HERE / "plc.cpp", [*_CPP, *_STEPS, *where, "-include", str(folder / "plc.hpp")], {"plc.hpp": unit})]
-    jobs += [(_SOFTPLC / "shim.c", [*_C, "-O1", "-w", *where], {})]
+    jobs = [(HERE / name, [*_C, "-O2", *includes], c if name == "files.c" else {}) for name in _CORE]
+    jobs += [(HERE / name, [*_C, *_STEPS, *_RENAMED, *includes], c) for name in _ENDS]
+    jobs += [(HERE / "plc.cpp", [*_CPP, *_STEPS, *includes, "-include", str(folder / "plc.hpp")], {"plc.hpp": unit})]
+    jobs += [(_SOFTPLC / "shim.c", [*_C, "-O1", "-w", *includes], {})]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         objects = list(pool.map(lambda job: _object(folder, *job), jobs))
     _call(["g++", "-o", str(program), *map(str, objects)])
@@ -91,29 +91,29 @@ def build(folder: Path, texts: Mapping[str, str]) -> Path:
 
 
 def explore(program: Path, arguments: list[str], seconds: float) -> tuple[dict[str, Any], str]:
-    """Run the explorer. Return its result, and the schedule that it found, step by step."""
+    """Run the explorer. Return its result, and the steps of the schedule that it found."""
     command = ["nice", "-n", "5", str(program), f"seconds={seconds}", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=3 * seconds + 60, check=False)
-    assert done.returncode == 0, f"{' '.join(command)}: {done.stderr}"
-    verdict, _, steps = done.stdout.rpartition('{"found"')[2].partition("\n")
-    told = done.stdout.partition('{"found"')[0] + steps
-    return json.loads('{"found"' + verdict), told
+    process = subprocess.run(command, capture_output=True, text=True, timeout=3 * seconds + 60, check=False)
+    assert process.returncode == 0, f"{' '.join(command)}: {process.stderr}"
+    verdict, _, steps = process.stdout.rpartition('{"found"')[2].partition("\n")
+    text = process.stdout.partition('{"found"')[0] + steps
+    return json.loads('{"found"' + verdict), text
 
 
 def _object(folder: Path, source: Path, command: list[str], texts: Mapping[str, str]) -> Path:
-    made = folder / f"{source.stem}.o"
+    object_file = folder / f"{source.stem}.o"
     options = [part.replace(str(folder), "") for part in command]
-    name = f"explorer-{kept.key(_ours(), source.read_text(), *options, *(x for item in texts.items() for x in item))}"
-    kept.find_or_create(name, made, lambda: _call([*command, "-c", str(source), "-o", str(made)]))
-    return made
+    name = f"explorer-{kept.key(_key(), source.read_text(), *options, *(x for item in texts.items() for x in item))}"
+    kept.find_or_create(name, object_file, lambda: _call([*command, "-c", str(source), "-o", str(object_file)]))
+    return object_file
 
 
 @functools.cache
-def _ours() -> str:
+def _key() -> str:
     compiler = subprocess.run(["g++", "--version"], capture_output=True, check=True).stdout
     return kept.key(compiler, *(path.read_bytes() for path in sorted((*HERE.glob("*.h"), *_SOFTPLC.glob("*.h*")))))
 
 
 def _call(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{' '.join(command)}: {done.stderr[:6000]}"
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, f"{' '.join(command)}: {process.stderr[:6000]}"

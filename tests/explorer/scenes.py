@@ -1,6 +1,6 @@
-"""Scenes: which ends meet, what may happen to them, and what then has to hold.
+"""Scenes: the ends that meet, the disturbances, and the conditions that must hold afterwards.
 
-Settings are explained in search.c (p, c, s, b, ...) and where an end asks for them: `told("every", 0)`.
+Settings are explained in search.c (p, c, s, b, ...), or in the source of the end that reads them: `told("every", 0)`.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ def _scene(name: str, settings: str, *ends: str, sync: str = "lock") -> Scene:
 
 
 _C, _PLC = "writer n=3 every=100 stays=1 crash=1 stall=1", "plc_writer n=5 crash=1 stall=1"
-"""Who has the topic first, and may stand still or die at any step."""
+"""The first writers of a topic, which may stall or die at any step."""
 _THEN_C = "writer start=250 n=1 every=100 stays=1 tries=12 crash=1"
 _THEN_PLC = "plc_writer start=250 every=250 n=7 crash=1"
-"""Who takes it over, and writes one sample."""
+"""The writers that take the topic over, and write one sample."""
 _THIRD_C = "writer start=1800 n=1 every=100 stays=1 tries=30 crash=1"
 _THIRD_PLC = "plc_writer start=1800 every=250 n=14 crash=1"
 
 
-def _takes_over(name: str, more: str, settings: str, samples: int, *others: str) -> Scene:
-    """`name` of _TAKEOVERS; the second writes so many samples."""
+def _takeover(name: str, more: str, settings: str, samples: int, *others: str) -> Scene:
+    """Return a scene with the takeover `name`, in which the second writer writes `samples` samples."""
     first, then = _TAKEOVERS[name]
     usual = 1 if then == _THEN_C else 7
     return _scene(f"{name}, {more}", settings, first, then.replace(f"n={usual}", f"n={usual + samples - 1}"), *others)
@@ -72,7 +72,7 @@ QUICK = [
            "reader n=5 next=1 crash=1"),
     _scene("a region comes to be", "p=1 c=1 opening=1 bare=1", "writer n=1 crash=1", "reader n=1 crash=1"),
 ]  # fmt: skip
-"""Some seconds together: `make test`. Nothing may be found in these and in those that follow."""
+"""The scenes of `make test`, which take some seconds together. The explorer must find no error in any scene."""
 
 FULL = [
     # One writer.
@@ -133,23 +133,23 @@ FULL = [
            "reader start=200 n=4 every=100 crash=1", sync="sequence"),
     _scene("sequence and a PLC that reads", "p=1 c=1 sequence=1", "writer n=3 crash=1", "plc_reader n=3 crash=1",
            sync="sequence"),
-    # Take-overs in which nobody stands still.
+    # Takeovers without a stalled writer.
     _scene("C after C", "p=1 c=1", "writer n=2 crash=1", "writer n=2 tries=3 crash=1", "reader n=2"),
     _scene("C after a PLC that lives", "p=1", "plc_writer n=6", _THEN_C),
     _scene("a PLC after C that lives", "p=1", "writer n=6 every=100 stays=1", "plc_writer start=50 every=50 n=8"),
-    # Take-overs from one that stands still or dies at any step, and one who dies after them.
-    *(_takes_over(name, "three samples", "s=1 c=1", 3) for name in _TAKEOVERS),
-    *(_takes_over(name, "round the lane", "s=1 c=1", 6) for name in _TAKEOVERS),
-    *(_takes_over(name, "interleaved", "p=1 s=1 c=1", 2) for name in _TAKEOVERS),
-    *(_takes_over(name, "beside a reader", "p=1 s=1", 1, _LOOKS) for name in _TAKEOVERS),
-    *(_takes_over(name, "beside a PLC that reads", "p=1 s=1", 1, "plc_reader n=45 every=100 sees=1")
+    # Takeovers from a writer that stalls or dies at any step, by a writer that may die.
+    *(_takeover(name, "three samples", "s=1 c=1", 3) for name in _TAKEOVERS),
+    *(_takeover(name, "round the lane", "s=1 c=1", 6) for name in _TAKEOVERS),
+    *(_takeover(name, "interleaved", "p=1 s=1 c=1", 2) for name in _TAKEOVERS),
+    *(_takeover(name, "beside a reader", "p=1 s=1", 1, _LOOKS) for name in _TAKEOVERS),
+    *(_takeover(name, "beside a PLC that reads", "p=1 s=1", 1, "plc_reader n=45 every=100 sees=1")
       for name in _TAKEOVERS),
     _scene("C after a PLC after C", "s=1 c=1", _C, _THEN_PLC + " stall=1", _THIRD_C),
     _scene("C after C after a PLC", "s=1 c=1", _PLC, _THEN_C, _THIRD_C),
     _scene("a PLC after C after a PLC", "s=1 c=1", _PLC, _THEN_C + " stall=1", _THIRD_PLC),
     _scene("three writers, two die", "c=2", _C, _THEN_PLC, _THIRD_C),
-    *(_takes_over(name, "across the wrap", "s=1 c=1 c_wrote=1 number=0xFFFFFFFD", 3) for name in _TAKEOVERS),
-    # A PLC and C, or two PLCs, that live or begin at once.
+    *(_takeover(name, "across the wrap", "s=1 c=1 c_wrote=1 number=0xFFFFFFFD", 3) for name in _TAKEOVERS),
+    # A PLC and C, or two PLCs, that both live or start at the same time.
     _scene("a PLC takes over and sends", "c_wrote=1", "plc_writer every=250 n=9 sends=1"),
     _scene("a PLC watches C that lives", "p=1", "writer n=16 every=100 stays=1", "plc_writer start=50 every=200 n=9"),
     _scene("C watches a PLC that lives", "p=1", "plc_writer n=16", "writer start=50 n=1 every=100 stays=1"),
@@ -168,7 +168,7 @@ FULL = [
              "block_client start=500 n=5 patience=300", f"{client}_client start=1000 n=28 patience=2800 removes=1")
       for client in ("plc", "block") for server in ("plc", "block")),
 ]  # fmt: skip
-"""A minute with the quick ones: `make test-all`."""
+"""The scenes that `make test-all` adds. They take a minute together with the quick scenes."""
 
 LARGE = [
     _scene("two readers, larger", "p=2 c=1", "writer n=3 crash=1", "reader n=3 crash=1", "reader n=2 crash=1"),
@@ -181,12 +181,12 @@ LARGE = [
     _scene("two wait, with store buffers", "p=2 b=2 ms=1000", "writer n=2", *["waiter n=2"] * 2),
     _scene("two wait for a PLC, larger", "p=1 ms=4000", "plc_writer n=6", *["waiter n=3 all=1"] * 2),
     _scene("three wait for a burst", "p=2 ms=1000", "writer n=2", *["waiter n=2"] * 3),
-    *(_takes_over(name, "with store buffers", "p=1 s=1 c=1 b=1", 1) for name in _TAKEOVERS),
-    *(_takes_over(name, "beside a reader of all", "p=1 s=1", 2, _LOOKS + " next=1") for name in _TAKEOVERS),
-    _takes_over("a PLC after a PLC", "twice interleaved", "p=2 s=1", 1, _LOOKS),
+    *(_takeover(name, "with store buffers", "p=1 s=1 c=1 b=1", 1) for name in _TAKEOVERS),
+    *(_takeover(name, "beside a reader of all", "p=1 s=1", 2, _LOOKS + " next=1") for name in _TAKEOVERS),
+    _takeover("a PLC after a PLC", "twice interleaved", "p=2 s=1", 1, _LOOKS),
     _scene("servers change over", "s=1 service=1", "plc_server n=6 stall=1", "block_server start=600 n=20",
            "plc_client start=500 n=26 patience=300"),
 ]  # fmt: skip
-"""`make explore` goes through these as well."""
+"""The scenes that only `make explore` adds."""
 
 SCENES = {scene.name: scene for scene in [*QUICK, *FULL, *LARGE]}

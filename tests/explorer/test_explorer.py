@@ -1,4 +1,4 @@
-"""The shipped ends in all schedules of the scenes: nothing is found, but for what is planted."""
+"""The explorer runs the shipped ends in all schedules of the scenes, and finds only planted faults."""
 
 from __future__ import annotations
 
@@ -9,65 +9,65 @@ import pytest
 
 from ..conftest import REPOSITORY
 from ..support import kept
-from .build import build, explore, generated, missing
+from .build import build, explore, generate, missing
 from .faults import FAULTS, TESTED, Fault
 from .scenes import FULL, LARGE, QUICK, SCENES, Scene
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=f"not here: {', '.join(missing())}: the ends are not explored")
 SECONDS = 200.0
-"""Of the processor, at most; most scenes take less than one."""
+"""Limit of the processor time of a scene in seconds. Most scenes take less than one second."""
 ONE_FOR_EACH_SCENE = list({fault.scene: fault for fault in reversed(FAULTS) if not fault.reason}.values())
-"""The first fault that each scene finds; `make explore` plants all."""
+"""The first fault that each scene finds. `make explore` plants all faults."""
 
 
 @pytest.fixture(scope="session")
 def program(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Callable[[str], Path]:
-    """The explorer with what is generated for that `sync`, compiled once for all workers."""
+    """A function that returns the explorer for a `sync` setting, compiled once for all workers."""
     base = tmp_path_factory.getbasetemp()
     folder = (base if worker_id == "master" else base.parent) / "explorer"
 
-    def compiled(sync: str) -> Path:
-        here = folder / sync
-        with kept.locked(here / "guard"):
-            return here / "explore" if (here / "explore").exists() else build(here, generated(here, sync))
+    def build_once(sync: str) -> Path:
+        path = folder / sync
+        with kept.locked(path / "guard"):
+            return path / "explore" if (path / "explore").exists() else build(path, generate(path, sync))
 
-    return compiled
+    return build_once
 
 
-def holds(program: Path, scene: Scene) -> None:
-    verdict, told = explore(program, scene.arguments, SECONDS)
-    assert not verdict["found"], f"{verdict['found']}\nreplay='{verdict['schedule']}'\n{told}"
+def check_scene(program: Path, scene: Scene) -> None:
+    verdict, steps = explore(program, scene.arguments, SECONDS)
+    assert not verdict["found"], f"{verdict['found']}\nreplay='{verdict['schedule']}'\n{steps}"
     assert verdict["complete"], f"not gone through in {SECONDS} s: {verdict}"
 
 
 @pytest.mark.parametrize("scene", QUICK, ids=lambda scene: scene.name)
 @pytest.mark.family("[a PLC after C]", "[one waits")
-def test_nothing_is_found(program: Callable[[str], Path], scene: Scene) -> None:
-    holds(program(scene.sync), scene)
+def test_quick_scene_has_no_error(program: Callable[[str], Path], scene: Scene) -> None:
+    check_scene(program(scene.sync), scene)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", FULL, ids=lambda scene: scene.name)
-def test_nothing_is_found_where_it_takes_longer(program: Callable[[str], Path], scene: Scene) -> None:
-    holds(program(scene.sync), scene)
+def test_full_scene_has_no_error(program: Callable[[str], Path], scene: Scene) -> None:
+    check_scene(program(scene.sync), scene)
 
 
 @pytest.mark.slow
-def test_what_is_found_can_be_replayed(tmp_path: Path) -> None:
-    """The printed schedule, given back, is run once and ends in the same, told step by step."""
+def test_schedule_of_an_error_can_be_replayed(tmp_path: Path) -> None:
+    """Run a printed schedule once more, with the same result and all steps."""
     (fault,) = (fault for fault in FAULTS if fault.name == "a turn is begun behind the name")
-    program = build(tmp_path, fault.planted(generated(tmp_path)))
+    program = build(tmp_path, fault.planted(generate(tmp_path)))
     arguments = SCENES[fault.scene].arguments
     verdict, _ = explore(program, arguments, SECONDS)
-    again, told = explore(program, [f"replay={verdict['schedule']}", *arguments], SECONDS)
-    assert (again["schedules"], again["found"]) == (1, verdict["found"]), told
-    assert told.count("\n") > 20
+    replayed, steps = explore(program, [f"replay={verdict['schedule']}", *arguments], SECONDS)
+    assert (replayed["schedules"], replayed["found"]) == (1, verdict["found"]), steps
+    assert steps.count("\n") > 20
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ONE_FOR_EACH_SCENE, ids=lambda fault: fault.name)
-def test_a_planted_fault_is_found(fault: Fault, tmp_path: Path) -> None:
-    program = build(tmp_path, fault.planted(generated(tmp_path)))
+def test_planted_fault_is_found_by_its_scene(fault: Fault, tmp_path: Path) -> None:
+    program = build(tmp_path, fault.planted(generate(tmp_path)))
     verdict, _ = explore(program, SCENES[fault.scene].arguments, SECONDS)
     assert verdict["found"], verdict
 
@@ -75,16 +75,16 @@ def test_a_planted_fault_is_found(fault: Fault, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "fault", list({fault.name: fault for fault in [*FAULTS, *TESTED]}.values()), ids=lambda fault: fault.name
 )
-def test_a_fault_can_be_planted(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Also those that no scene finds: what they change still stands in what is generated."""
-    texts = generated(tmp_path_factory.getbasetemp())
+def test_every_fault_can_be_planted(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Find the original text of each fault in a generated file or a template."""
+    texts = generate(tmp_path_factory.getbasetemp())
     texts |= {str(path): path.read_text() for path in (REPOSITORY / "templates" / "cpp").glob("*.hpp")}
     assert fault.planted(texts) != texts
     assert fault.test or fault.scene in SCENES
 
 
 @pytest.mark.parametrize(
-    ("settings", "ends", "found"),
+    ("settings", "ends", "expected"),
     [
         ("p=90", "adds,adds last=1", "LOST"),
         ("p=0", "adds,adds last=1", ""),
@@ -95,29 +95,29 @@ def test_a_fault_can_be_planted(fault: Fault, tmp_path_factory: pytest.TempPathF
         ("p=90", "copies,looks", "HALF"),
     ],
 )
-def test_the_explorer_finds_what_it_must(program: Callable[[str], Path], settings: str, ends: str, found: str) -> None:
-    """Store buffers as on x86-64: a load passes an earlier store, two stores keep their order."""
+def test_explorer_finds_known_races(program: Callable[[str], Path], settings: str, ends: str, expected: str) -> None:
+    """Execute stores as on x86-64: a load may pass an earlier store, but two stores keep their order."""
     verdict, _ = explore(program("lock"), [*settings.split(), *ends.split(",")], SECONDS)
-    assert verdict["found"].partition(":")[0] == found
-    assert verdict["complete"] == (not found)
+    assert verdict["found"].partition(":")[0] == expected
+    assert verdict["complete"] == (not expected)
 
 
 @pytest.mark.parametrize(
     "scene", ["a writer and a reader", "a PLC and a reader", "a writer and a PLC that reads", "two want the lock"]
 )
 @pytest.mark.family("[two want the lock]")
-def test_the_table_of_states_hides_no_end(program: Callable[[str], Path], scene: str) -> None:
-    """What is cut off would have come to the same ends; with one pre-emption it can be done without the table."""
+def test_table_of_states_hides_no_result(program: Callable[[str], Path], scene: str) -> None:
+    """Compare the results with and without the table. One pre-emption keeps the search without the table short."""
     ends = SCENES[scene].ends
     settings = ["p=1", "c=1" if "PLC" not in scene else "c=0", "ends=1", *ends]
-    with_it, without = (explore(program("lock"), [f"table={table}", *settings], SECONDS)[0] for table in (1, 0))
-    assert with_it["complete"]
-    assert without["complete"]
-    assert with_it["ends"] == without["ends"] > 1
-    assert with_it["schedules"] <= without["schedules"]
+    short, full = (explore(program("lock"), [f"table={table}", *settings], SECONDS)[0] for table in (1, 0))
+    assert short["complete"]
+    assert full["complete"]
+    assert short["ends"] == full["ends"] > 1
+    assert short["schedules"] <= full["schedules"]
 
 
-def test_no_name_is_used_twice() -> None:
+def test_names_of_scenes_and_faults_are_unique() -> None:
     names = [scene.name for scene in [*QUICK, *FULL, *LARGE]]
     assert len(names) == len(set(names))
     assert len(FAULTS) == len({fault.name for fault in FAULTS})

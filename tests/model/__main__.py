@@ -14,7 +14,7 @@ def main() -> int:
     if tools := missing():
         print(f"not installed: {', '.join(tools)}")
         return 1
-    wrong = 0
+    failures = 0
     for title, runs, sound in (
         ("holds", HOLDS + LARGE, True),
         ("planted faults", FAULTS, False),
@@ -23,11 +23,11 @@ def main() -> int:
         print(f"{title}:")
         for run in runs:
             verdict = verify(run, TIMEOUT, large=run in LARGE)
-            found = verdict.error or "nothing found"
-            print(f"  {run.id}: {found}, {verdict.states:,} states, {verdict.seconds:.1f} s", flush=True)
-            wrong += sound == bool(verdict.error)
-    print("as it should be" if not wrong else f"{wrong} not as they should be")
-    return bool(wrong)
+            result = verdict.error or "nothing found"
+            print(f"  {run.id}: {result}, {verdict.states:,} states, {verdict.seconds:.1f} s", flush=True)
+            failures += sound == bool(verdict.error)
+    print("as it should be" if not failures else f"{failures} not as they should be")
+    return bool(failures)
 
 
 if __name__ == "__main__":

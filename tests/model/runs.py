@@ -11,13 +11,13 @@ HOLDS = [
     Run("bell"),
     Run("bell", "WEAK"),
 ]
-"""Nothing may be found."""
+"""Models in which spin must find no error."""
 
 LARGE = [
     Run("samples", "WEAK SAMPLES=6 READS=3"),
     Run("bell", "WEAK SAMPLES=3"),
 ]
-"""`make model` goes through these as well."""
+"""Larger models, only for `make model`."""
 
 FAULTS = [
     Run("samples", "WEAK F_NO_FENCE_BEFORE"),
@@ -30,10 +30,10 @@ FAULTS = [
     Run("bell", "WEAK F_BELL_LATE"),
     Run("bell", "WEAK F_UNORDERED"),
 ]
-"""An error must be found in each."""
+"""Models with a planted fault, which spin must find."""
 
 REMAINS = [
-    # A wake-up lost for one slice of 10 ms, by a PLC on ARM.
+    # On ARM, a PLC's wake-up may be lost; the reader then sleeps for up to 10 ms.
     Run("bell", "WEAK F_NO_FENCE_WRITER"),
 ]
-"""What docs/protocol.md says is not closed: spin finds it, and if it did not the page would be wrong."""
+"""Known gaps of docs/protocol.md. spin must find them; otherwise, the page is wrong."""

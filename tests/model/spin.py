@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 FOLDER = Path(__file__).parent
 TOOLS = ("spin", "cc")
-_TRIED = re.compile(r"^\s*(\d+) states, stored", re.MULTILINE)
+_STATES = re.compile(r"^\s*(\d+) states, stored", re.MULTILINE)
 _ERRORS = re.compile(r"errors: (\d+)")
-_SAID = re.compile(r"^pan:1: (.*?) \(at depth", re.MULTILINE)
+_ERROR = re.compile(r"^pan:1: (.*?) \(at depth", re.MULTILINE)
 
 
 class Run(NamedTuple):
@@ -41,7 +41,7 @@ def missing() -> list[str]:
 
 
 def verify(run: Run, timeout: float, large: bool = False) -> Verdict:
-    """Let spin visit all states, or stop at the first error. Raises an exception if spin could not visit all states.
+    """Let spin visit all states, or stop at the first error. Raise an exception if spin could not visit all states.
 
     A small run is not optimised, because optimising takes longer than the run.
     """
@@ -52,25 +52,25 @@ def verify(run: Run, timeout: float, large: bool = False) -> Verdict:
             shutil.copy(file, folder)
         _call(["spin", "-a", *(f"-D{setting}" for setting in run.settings.split()), f"{run.model}.pml"], folder, 60)
         _call(["cc", "-w", *build, "-DSAFETY", "-DNOCLAIM", "-o", "pan", "pan.c"], folder, 120)
-        began = time.monotonic()
+        started_at = time.monotonic()
         search = ["-E", "-m100000", "-w26" if large else "-w22"]
-        said = _call(["./pan", *search], folder, timeout)
-        seconds = time.monotonic() - began
-    errors, states = _ERRORS.search(said), _TRIED.search(said)
-    assert errors, said
-    assert states, said
+        output = _call(["./pan", *search], folder, timeout)
+        seconds = time.monotonic() - started_at
+    errors, states = _ERRORS.search(output), _STATES.search(output)
+    assert errors, output
+    assert states, output
     if errors[1] == "0":
         for obstacle in ("max search depth too small", "out of memory", "aborted"):
-            assert obstacle not in said, f"{run.id}: {said}"
+            assert obstacle not in output, f"{run.id}: {output}"
         return Verdict("", int(states[1]), seconds)
-    error = _SAID.search(said)
-    assert error, said
-    assert "invalid array index" not in said, said
+    error = _ERROR.search(output)
+    assert error, output
+    assert "invalid array index" not in output, output
     return Verdict(error[1], int(states[1]), seconds)
 
 
 def _call(command: list[str], folder: Path, timeout: float) -> str:
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=timeout, check=False)
-    said = result.stdout + result.stderr
-    assert result.returncode == 0, f"{' '.join(command)}: {said}"
-    return said
+    output = result.stdout + result.stderr
+    assert result.returncode == 0, f"{' '.join(command)}: {output}"
+    return output

@@ -4,18 +4,18 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.prove.eva import HARNESSES, generate, said
+from tests.prove.eva import HARNESSES, generate, prove
 
 if __name__ == "__main__":
-    wrong = False
+    failed = False
     with TemporaryDirectory() as folder:
         headers = generate(Path(folder))
         for harness in HARNESSES:
-            proof = said(harness, headers)
-            found = said(harness, headers, planted=True)
-            wrong |= not proof.holds or found.holds
+            proof = prove(harness, headers)
+            faulty_proof = prove(harness, headers, planted=True)
+            failed |= not proof.holds or faulty_proof.holds
             print(
-                f"{harness.name:6} {proof}; {'MISSED' if found.holds else 'finds'}: {harness.fault.new.strip()}",
+                f"{harness.name:6} {proof}; {'MISSED' if faulty_proof.holds else 'finds'}: {harness.fault.new.strip()}",
                 flush=True,
             )
-    sys.exit(wrong)
+    sys.exit(failed)

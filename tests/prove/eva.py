@@ -63,7 +63,7 @@ HARNESSES = (
     Harness("calls", 50, Fault("shmgen_calls.h", "payload, 0, self->end.type.size", "payload, 0, self->end.slot_size")),
 )
 
-# A status of 0 says that what a call promises is there: its states are kept apart from the others.
+# A status of 0 guarantees the result of a call, so Eva keeps these states apart from the others.
 _PROMISE = (
     "publisher_begin publisher_check_claim publisher_place publisher_enter publisher_heartbeat check_header copy take"
     " subscriber_read server_beat readable send"
@@ -71,7 +71,7 @@ _PROMISE = (
 _OPTIONS = (
     "-c11 -machdep gcc_x86_64 -eva -eva-no-show-progress -eva-precision 1"
     " -eva-domains octagon,symbolic-locations,equality"
-    " -eva-warn-undefined-pointer-comparison none"  # with MAP_FAILED
+    " -eva-warn-undefined-pointer-comparison none"  # for comparisons with MAP_FAILED
 )
 
 
@@ -104,8 +104,8 @@ def generate(folder: Path) -> Path:
     return folder / "c"
 
 
-def said(harness: Harness, headers: Path, planted: bool = False) -> Proof:
-    """Analyse a harness and return the result. Raises RuntimeError if Eva did not complete the analysis."""
+def prove(harness: Harness, headers: Path, planted: bool = False) -> Proof:
+    """Run Eva on a harness and return the result. Raise RuntimeError if Eva did not complete the analysis."""
     if planted:
         headers = Path(shutil.copytree(headers, headers.parent / f"planted_{harness.name}", dirs_exist_ok=True))
         file = headers / "shm_msgs" / harness.fault.header
@@ -115,13 +115,13 @@ def said(harness: Harness, headers: Path, planted: bool = False) -> Proof:
     split = ",".join(f"shmgen_{function}:0" for function in _PROMISE.split())
     command = ["frama-c", *_OPTIONS.split(), "-eva-split-return-function", split, "-eva-slevel", str(harness.states)]
     command += [f"-cpp-extra-args=-I{HERE} -I{HERE / 'include'} -I{headers}", str(HERE / f"{harness.name}.c")]
-    begun = time.monotonic()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    seconds = time.monotonic() - begun
-    counted = re.search(r"(\d+) functions? analyzed.*\n.*: (\d+)% coverage", done.stdout)
-    alarms = re.search(r"(\d+) alarms? generated", done.stdout)
-    if done.returncode or not counted or not alarms:
-        raise RuntimeError(f"{harness.name}: {done.stdout[-2000:]}{done.stderr}")
-    unproven = re.findall(r"(?:Assertions|Preconditions) .* (\d+) unknown +(\d+) invalid", done.stdout)
+    started_at = time.monotonic()
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    seconds = time.monotonic() - started_at
+    coverage = re.search(r"(\d+) functions? analyzed.*\n.*: (\d+)% coverage", process.stdout)
+    alarms = re.search(r"(\d+) alarms? generated", process.stdout)
+    if process.returncode or not coverage or not alarms:
+        raise RuntimeError(f"{harness.name}: {process.stdout[-2000:]}{process.stderr}")
+    unproven = re.findall(r"(?:Assertions|Preconditions) .* (\d+) unknown +(\d+) invalid", process.stdout)
     total = int(alarms[1]) + sum(int(number) for row in unproven for number in row)
-    return Proof(total, int(counted[1]), int(counted[2]), seconds)
+    return Proof(total, int(coverage[1]), int(coverage[2]), seconds)
