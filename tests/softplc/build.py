@@ -30,25 +30,25 @@ def compile_st(files: Mapping[str, str], folder: Path | None = None) -> Plc:
     Raises Unsupported if the translator does not support a construct, and CompileError for an undeclared name or a
     wrong type, for example.
     """
-    made = translate(files)
+    translation = translate(files)
     if folder is not None:
-        return Plc.load(_library(made, folder))
+        return Plc.load(_library(translation, folder))
     with tempfile.TemporaryDirectory(prefix="softplc") as temporary:
-        return Plc.load(_library(made, Path(temporary)))
+        return Plc.load(_library(translation, Path(temporary)))
 
 
-def _library(made: Translation, folder: Path) -> Path:
+def _library(program: Translation, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     library = folder / "plc.so"
-    library.with_suffix(".pickle").write_bytes(pickle.dumps((made.types, made.enumerations, len(made.units))))
-    name = f"plc-{kept.key(_maker(), *made.units)}"
-    kept.find_or_create(name, library, lambda: _compile(made, folder, library))
+    library.with_suffix(".pickle").write_bytes(pickle.dumps((program.types, program.enumerations, len(program.units))))
+    name = f"plc-{kept.key(_compiler_key(), *program.units)}"
+    kept.find_or_create(name, library, lambda: _compile(program, folder, library))
     return library
 
 
-def _compile(made: Translation, folder: Path, library: Path) -> None:
+def _compile(translation: Translation, folder: Path, library: Path) -> None:
     jobs = [["gcc", "-std=gnu11", *_FLAGS, "-c", str(_HERE / "shim.c"), "-o", str(folder / "shim.o")]]
-    for number, unit in enumerate(made.units):
+    for number, unit in enumerate(translation.units):
         source = folder / f"unit{number}.cpp"
         source.write_text(unit)
         jobs.append([*_CPP, *_FLAGS, "-c", str(source), "-o", str(source.with_suffix(".o"))])
@@ -58,7 +58,7 @@ def _compile(made: Translation, folder: Path, library: Path) -> None:
 
 
 @functools.cache
-def _maker() -> str:
+def _compiler_key() -> str:
     """Return a key for the compiler, its options and the run-time files. Programs with another key are recompiled."""
     compiler = subprocess.run([*_CPP, "--version"], capture_output=True, check=True).stdout
     ours = sorted(path.read_bytes() for path in (*_HERE.glob("shim.*"), *_HERE.glob("*.hpp")))

@@ -1,4 +1,4 @@
-"""What is declared in blark's trees: types, lists of variables, blocks with their methods."""
+"""Collects the declarations in blark's trees: types, variable lists, and blocks with their methods."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tests.softplc.iec import ELEMENTARY, Array, Elementary, Named, Pointer, Tex
 from tests.softplc.reading import CompileError, Source, Unsupported
 
 _ALIASES = {"__UXINT": "ULINT", "__XWORD": "LWORD", "RTS_IEC_RESULT": "UDINT", "RTS_IEC_HANDLE": "LWORD"}
-"""As in a 64-bit runtime; a handle is as large as a pointer."""
+"""The types of a 64-bit runtime, in which a handle is as large as a pointer."""
 
 
 @dataclass(frozen=True)
 class Variable:
-    """`section` is input, output, local, retained or constant; `initial` is a tree, a list for an array, or None."""
+    """`section` is input, output, local, retained or constant. `initial` is a tree, a list for an array, or None."""
 
     name: str
     type: Type
@@ -27,7 +27,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Structure:
-    """`pack` in bytes: no member is aligned to more."""
+    """A structure. Its members are aligned to at most `pack` bytes."""
 
     name: str
     pack: int
@@ -36,7 +36,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Enumeration:
-    """`values` are names and trees; a tree is None where the value is one more than the last."""
+    """`values` are names and trees. A tree is None if its value is one more than the previous value."""
 
     name: str
     base: Elementary
@@ -46,7 +46,7 @@ class Enumeration:
 
 @dataclass(frozen=True)
 class Globals:
-    """A qualified list."""
+    """A qualified variable list."""
 
     name: str
     constant: bool
@@ -68,7 +68,7 @@ class Method:
 
 @dataclass(frozen=True)
 class Block:
-    """A FUNCTION_BLOCK or a PROGRAM; `retainable`: its instances may lie in retained memory."""
+    """A FUNCTION_BLOCK or a PROGRAM. `retainable` is True if its instances may be in retained memory."""
 
     name: str
     variables: tuple[Variable, ...]
@@ -80,9 +80,9 @@ class Block:
 Declaration: TypeAlias = "Structure | Enumeration | Globals | Block"
 
 
-def declared(sources: Iterable[Source]) -> dict[str, Declaration]:
-    """By name in capitals, in the order of the files. Raises Unsupported, and CompileError for what CODESYS refuses."""
-    found: dict[str, Declaration] = {}
+def collect_declarations(sources: Iterable[Source]) -> dict[str, Declaration]:
+    """Return the declarations in order, by name in capitals. Raises Unsupported, or CompileError as CODESYS would."""
+    declarations: dict[str, Declaration] = {}
     block: Block | None = None
     for source in sources:
         try:
@@ -94,63 +94,63 @@ def declared(sources: Iterable[Source]) -> dict[str, Declaration]:
                     raise Unsupported(f"a second METHOD {method.name}")
                 block.methods[method.name] = method
                 continue
-            made = _declaration(source)
+            declaration = _declaration(source)
         except Unsupported as error:
             raise Unsupported(f"{source.file}: {error}") from None
-        if made.name in found:
-            raise Unsupported(f"{source.file}: a second {made.name}")
-        found[made.name] = made
-        block = made if isinstance(made, Block) else None
-    _refuse_retained(found)
-    return found
+        if declaration.name in declarations:
+            raise Unsupported(f"{source.file}: a second {declaration.name}")
+        declarations[declaration.name] = declaration
+        block = declaration if isinstance(declaration, Block) else None
+    _refuse_retained(declarations)
+    return declarations
 
 
-def _refuse_retained(found: dict[str, Declaration]) -> None:
-    """No variable is retained here; in CODESYS no block that says so may be, nor what holds one."""
-    for one in found.values():
+def _refuse_retained(declarations: dict[str, Declaration]) -> None:
+    """Raise CompileError for retained blocks that CODESYS refuses, and Unsupported for other retained variables."""
+    for one in declarations.values():
         for variable in one.variables if isinstance(one, Block | Globals) else ():
             if variable.section == "retained":
-                if refusing := _not_in_retain(variable.type, found):
+                if refusing := _not_in_retain(variable.type, declarations):
                     raise CompileError(f"{one.name}.{variable.name}: {refusing} is 'no_instance_in_retain'")
                 raise Unsupported("VAR RETAIN")
 
 
-def _not_in_retain(type_: Type, found: dict[str, Declaration]) -> str:
-    """The first block in it that must not be there."""
+def _not_in_retain(type_: Type, declarations: dict[str, Declaration]) -> str:
+    """Return the first block in a type that must not be in retained memory, or an empty string."""
     while isinstance(type_, Array):
         type_ = type_.of
-    one = found.get(type_.name) if isinstance(type_, Named) else None
+    one = declarations.get(type_.name) if isinstance(type_, Named) else None
     if isinstance(one, Block) and not one.retainable:
         return one.name
     inner = one.members if isinstance(one, Structure) else one.variables if isinstance(one, Block) else ()
-    return next(filter(None, (_not_in_retain(variable.type, found) for variable in inner)), "")
+    return next(filter(None, (_not_in_retain(variable.type, declarations) for variable in inner)), "")
 
 
 def _declaration(source: Source) -> Declaration:
     match source.tree:
         case b.DataTypeDeclaration(declaration=b.StructureTypeDeclaration() as tree):
-            _no(tree.extends, "EXTENDS")
-            _known(source, "pack_mode")
+            _refuse(tree.extends, "EXTENDS")
+            _allow_attributes(source, "pack_mode")
             members = tuple(item for element in tree.declarations for item in _variables(element, "local"))
             return Structure(tree.name.upper(), int(source.attributes.get("pack_mode", "8")), members)
         case b.DataTypeDeclaration(declaration=b.EnumeratedTypeDeclaration() as tree):
-            _known(source, "qualified_only", "strict")
+            _allow_attributes(source, "qualified_only", "strict")
             if not {"qualified_only", "strict"} <= source.attributes.keys():
                 raise Unsupported(f"the enumeration {tree.name} without 'qualified_only' and 'strict'")
             return _enumeration(tree)
         case b.GlobalVariableDeclarations() as tree:
-            _known(source, "qualified_only")
+            _allow_attributes(source, "qualified_only")
             if "qualified_only" not in source.attributes:
                 raise Unsupported("VAR_GLOBAL without 'qualified_only'")
             section = _qualified(tree, "local")
             constant = section == "constant"
-            kept = "local" if constant else section
-            items = tuple(item for element in tree.items for item in _variables(element, kept))
+            member_section = "local" if constant else section
+            items = tuple(item for element in tree.items for item in _variables(element, member_section))
             return Globals(source.stem.upper(), constant, items)
         case b.FunctionBlock() | b.Program() as tree:
-            _known(source, "no_instance_in_retain")
+            _allow_attributes(source, "no_instance_in_retain")
             for word in ("extends", "implements", "access"):
-                _no(getattr(tree, word, None), word.upper())
+                _refuse(getattr(tree, word, None), word.upper())
             retainable = "no_instance_in_retain" not in source.attributes
             return Block(tree.name.upper(), tuple(_sections(tree)), tree.body, retainable)
         case b.DataTypeDeclaration(declaration=tree) | tree:
@@ -186,7 +186,7 @@ _SECTIONS = {b.InputDeclarations: "input", b.OutputDeclarations: "output", b.Var
 def _sections(tree: Any) -> Iterator[Variable]:
     for block in tree.declarations or ():
         if isinstance(block, b.IncompleteLocatedVariableDeclarations) and not block.items:
-            continue  # what blark calls an empty VAR
+            continue  # an empty VAR
         section = _SECTIONS.get(type(block))
         if section is None:
             raise Unsupported(type(block).__name__)
@@ -195,7 +195,7 @@ def _sections(tree: Any) -> Iterator[Variable]:
 
 
 def _qualified(block: Any, section: str) -> str:
-    """The section, or what a word behind VAR makes of it."""
+    """Return the section, or the section that a word after VAR selects."""
     words = {word.name for word in type(block.attrs) if word in block.attrs} if block.attrs else set()
     if words <= {"retain", "persistent"}:
         return "retained" if words else section
@@ -219,25 +219,25 @@ def _variables(element: Any, section: str) -> Iterator[Variable]:
             raise Unsupported("initial values of an array for anything but an array of one dimension")
     for declared in names:
         variable = getattr(declared, "variable", declared)
-        _no(getattr(declared, "location", None), "AT")
+        _refuse(getattr(declared, "location", None), "AT")
         yield Variable(str(getattr(variable, "name", variable)).upper(), type_, section, initial)
 
 
 def _elements(initial: b.ArrayInitialization) -> Iterator[Any]:
-    """What blark reads of `[1, -2, 3]` nests behind a sign."""
-    for found in initial.elements:
-        if getattr(found, "count", None) is not None or not isinstance(found, b.ArrayInitialElement):
+    """Yield the elements of an array. After a sign, blark nests the rest of `[1, -2, 3]`."""
+    for item in initial.elements:
+        if getattr(item, "count", None) is not None or not isinstance(item, b.ArrayInitialElement):
             raise Unsupported("initial values that are repeated")
-        if not isinstance(found.element, b.ArrayInitialization):
-            yield found.element
-        elif found.element.brackets:
+        if not isinstance(item.element, b.ArrayInitialization):
+            yield item.element
+        elif item.element.brackets:
             raise Unsupported("an array in the initial values of an array")
         else:
-            yield from _elements(found.element)
+            yield from _elements(item.element)
 
 
 def type_of(spec: Any) -> Type:
-    """The type that a declaration spells. Raises Unsupported."""
+    """Return the type that a declaration names. Raises Unsupported."""
     match spec:
         case b.SimpleSpecification(type=str() as name):
             return _elementary(name)
@@ -278,11 +278,11 @@ def _number(tree: Any) -> int:
     return int(str(tree.value).replace("_", ""))
 
 
-def _no(value: Any, word: str) -> None:
+def _refuse(value: Any, word: str) -> None:
     if value:
         raise Unsupported(word)
 
 
-def _known(source: Source, *names: str) -> None:
+def _allow_attributes(source: Source, *names: str) -> None:
     for name in source.attributes.keys() - set(names):
         raise Unsupported(f"the attribute '{name}'")

@@ -1,8 +1,8 @@
-"""Expressions and calls, as blark reads them, in C++ on top of runtime.hpp.
+"""Translates blark's expressions and calls to C++ on top of runtime.hpp.
 
-A name stays recognisable: `xEnable` is `v_xenable`, a type `T_...`, a method `m_...`; no user's name can meet a word
-of C++. What a name means is left to C++, whose scopes (method, block, qualified lists) are those of Structured Text;
-only what a call calls is looked up here.
+Names stay recognisable: `xEnable` becomes `v_xenable`, a type `T_...`, a method `m_...`. No user's name can collide
+with a keyword of C++. C++ resolves the names, because its scopes (method, block, qualified lists) match those of
+Structured Text. Only the target of a call is looked up here.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def cpp_type(type_: Type) -> str:
 
 @dataclass(frozen=True)
 class Scope:
-    """Where a statement stands; `method` is None in a block's body, `block` is None among declarations."""
+    """The place of a statement. `method` is None in a block's body, and `block` is None among declarations."""
 
     declared: Mapping[str, Declaration]
     block: Block | None = None
@@ -96,12 +96,12 @@ class Scope:
             return f"BOOL(truth({left}) {'&&' if operator == 'AND_THEN' else '||'} truth({right}))"
         if operator not in _OPERATORS:
             raise Unsupported(f"the operator {operator}")
-        if self.acts(tree.left) and self.acts(tree.right):
+        if self.has_effects(tree.left) and self.has_effects(tree.right):
             raise Unsupported(f"calls on both sides of {operator}: their order is not ours to choose")
         return f"{_OPERATORS[operator]}({left}, {right})"
 
     def path(self, tree: Any) -> str:
-        """A variable with its members, elements and dereferences, or a value of an enumeration."""
+        """Translate a variable with its members, elements and dereferences, or a value of an enumeration."""
         match tree:
             case b.SimpleVariable():
                 name = str(tree.name).upper()
@@ -115,7 +115,7 @@ class Scope:
                 spelled = self.path(tree.name)
                 for element in tree.elements:
                     if isinstance(element, b.FieldSelector):
-                        # blark hangs the ^ of `a^.b` on either side of it: on `a`, or on `.b` as a whole.
+                        # blark stores the ^ of `a^.b` either in `a` or in `.b` as a whole.
                         base = f"(*{spelled})" if element.dereferenced else spelled
                         spelled = f"{base}.{variable(str(element.field.name))}"
                         pointer = element.field.dereferenced
@@ -131,29 +131,29 @@ class Scope:
     # --- calls ----------------------------------------------------------------------------------------
 
     def call(self, tree: Any, as_statement: bool) -> str:
-        name, given = tree.name, list(tree.parameters or ())
+        name, arguments = tree.name, list(tree.parameters or ())
         if isinstance(name, b.SimpleVariable):
             plain = str(name.name).upper()
             if self.block is not None and plain in self.block.methods:
-                return self.method_call("*this", self.block, self.block.methods[plain], given)
+                return self.method_call("*this", self.block, self.block.methods[plain], arguments)
             if (called := self.block_of(self.type_of(name))) is None:
-                return self.function(plain, given)
+                return self.function(plain, arguments)
         else:
             *_, last = name.elements
             owner = self.block_of(self.type_of(name, but_last=True))
             if owner is not None and isinstance(last, b.FieldSelector) and not last.field.dereferenced:
                 method = owner.methods.get(str(last.field.name).upper())
                 if method is not None:
-                    return self.method_call(self.receiver(name), owner, method, given)
+                    return self.method_call(self.receiver(name), owner, method, arguments)
             if (called := self.block_of(self.type_of(name))) is None:
                 raise Unsupported(f"the call of {name}")
         if not as_statement:
             raise Unsupported(f"the block {name} called within an expression")
-        return self.block_call(self.path(name), called, given)
+        return self.block_call(self.path(name), called, arguments)
 
-    def function(self, name: str, given: list[Any]) -> str:
-        values = [parameter.value for parameter in given]
-        if any(parameter.name for parameter in given) or sum(map(self.acts, values)) > 1:
+    def function(self, name: str, arguments: list[Any]) -> str:
+        values = [parameter.value for parameter in arguments]
+        if any(parameter.name for parameter in arguments) or sum(map(self.has_effects, values)) > 1:
             raise Unsupported(f"parameters by name, or calls in several of them, in {name}")
         if name == "SIZEOF" and len(values) == 1:
             plain = str(values[0].name).upper() if isinstance(values[0], b.SimpleVariable) else ""
@@ -170,12 +170,12 @@ class Scope:
             return f"{name}({spelled})"
         raise Unsupported(f"the function {name}")
 
-    def method_call(self, receiver: str, owner: Block, method: Method, given: list[Any]) -> str:
-        """`[&]{ parameters; call; outputs }()`: a lambda, so that it can stand in an expression."""
+    def method_call(self, receiver: str, owner: Block, method: Method, arguments: list[Any]) -> str:
+        """Return `[&]{ parameters; call; outputs }()`. A lambda can be part of an expression."""
         if method.private and receiver != "*this":
             raise Unsupported(f"the PRIVATE method {method.name} called from outside of {owner.name}")
         parameters = f"{type_name(owner.name)}::{method_name(method.name)}_parameters"
-        inputs, outputs = self.given(method.name, method.parameters, given)
+        inputs, outputs = self.split(method.name, method.parameters, arguments)
         for parameter in method.parameters:
             if parameter.section == "input" and parameter.initial is None and parameter.name not in inputs:
                 raise Unsupported(f"{method.name} called without {parameter.name}")
@@ -187,27 +187,27 @@ class Scope:
             steps.append(f"return p.{variable(method.name)};")
         return f"[&] {{ {' '.join(steps)} }}()"
 
-    def block_call(self, receiver: str, called: Block, given: list[Any]) -> str:
-        inputs, outputs = self.given(called.name, called.variables, given)
+    def block_call(self, receiver: str, called: Block, arguments: list[Any]) -> str:
+        inputs, outputs = self.split(called.name, called.variables, arguments)
         steps = [f"auto &self = {receiver};"]
         steps += [f"set(self.{variable(name)}, {self.expression(value)});" for name, value in inputs.items()]
         steps.append("self.body();")
         steps += [f"set({self.path(value)}, self.{variable(name)});" for name, value in outputs.items()]
         return f"{{ {' '.join(steps)} }}"
 
-    def given(self, called: str, known: Iterable[Variable], given: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Values by the names of inputs and of outputs."""
+    def split(self, called: str, known: Iterable[Variable], trees: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the values of the inputs and of the outputs, each by name."""
         sections = {one.name: one.section for one in known}
-        found: dict[str, dict[str, Any]] = {"input": {}, "output": {}}
-        for parameter in given:
+        values: dict[str, dict[str, Any]] = {"input": {}, "output": {}}
+        for parameter in trees:
             section = "output" if isinstance(parameter, b.OutputParameterAssignment) else "input"
             if parameter.name is None:
                 raise Unsupported(f"a parameter without a name in the call of {called}")
             name = str(getattr(parameter.name, "name", parameter.name)).upper()
             if sections.get(name) != section or getattr(parameter, "inverted", False):
                 raise Unsupported(f"{name} as {section} of {called}")
-            found[section][name] = parameter.value
-        return found["input"], found["output"]
+            values[section][name] = parameter.value
+        return values["input"], values["output"]
 
     def receiver(self, name: b.MultiElementVariable) -> str:
         if len(name.elements) == 1:
@@ -215,11 +215,11 @@ class Scope:
         return self.path(b.MultiElementVariable(name=name.name, dereferenced=False, elements=name.elements[:-1]))
 
     def block_of(self, type_: Type | None) -> Block | None:
-        found = self.declared.get(type_.name) if isinstance(type_, Named) else None
-        return found if isinstance(found, Block) else None
+        owner = self.declared.get(type_.name) if isinstance(type_, Named) else None
+        return owner if isinstance(owner, Block) else None
 
     def type_of(self, tree: Any, but_last: bool = False) -> Type | None:
-        """Of a path `a.b[i].c`, for calls; None for anything else."""
+        """Return the type of a path such as `a.b[i].c`, or None for anything else. Calls need the type."""
         if isinstance(tree, b.SimpleVariable):
             return None if tree.dereferenced else self.declared_type(str(tree.name).upper())
         elements = tree.elements[:-1] if but_last else tree.elements
@@ -251,17 +251,17 @@ class Scope:
                 return {one.name: one.type for one in variables}
         return {}
 
-    def acts(self, tree: Any) -> bool:
-        """Whether evaluating it may change something."""
+    def has_effects(self, tree: Any) -> bool:
+        """Return True if the expression contains a call that may change a variable."""
         match tree:
-            case b.FunctionCall(name=b.SimpleVariable(name=name), parameters=given):
+            case b.FunctionCall(name=b.SimpleVariable(name=name), parameters=arguments):
                 plain = str(name).upper()
                 pure = plain in ("SIZEOF", "ADR", "TIME") or _CONVERSION.fullmatch(plain) is not None
-                return not pure or any(self.acts(parameter.value) for parameter in given or ())
+                return not pure or any(self.has_effects(parameter.value) for parameter in arguments or ())
             case b.FunctionCall():
                 return True
             case b.BinaryOperation(left=left, right=right):
-                return self.acts(left) or self.acts(right)
+                return self.has_effects(left) or self.has_effects(right)
             case b.UnaryOperation(expr=inner) | b.ParenthesizedExpression(expr=inner):
-                return self.acts(inner)
+                return self.has_effects(inner)
         return False

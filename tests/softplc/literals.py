@@ -1,4 +1,4 @@
-"""Converts literals of Structured Text to C++. Untyped ones become `Integer<5ULL>{}` and `Real{1.5}` of runtime.hpp."""
+"""Converts literals of Structured Text to C++. Without a type, they become `Integer<5ULL>{}` or `Real{1.5}`."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def _text(spelled: str) -> str:
     wide = spelled.startswith('"')
     digits = 4 if wide else 2
     units = []
-    for found in re.finditer(rf"\$([0-9A-Fa-f]{{{digits}}})|\$(.)|(.)", spelled[1:-1], re.DOTALL):
-        code, escaped, plain = found.groups()
+    for match in re.finditer(rf"\$([0-9A-Fa-f]{{{digits}}})|\$(.)|(.)", spelled[1:-1], re.DOTALL):
+        code, escaped, plain = match.groups()
         units.append(int(code, 16) if code else ord(_ESCAPES.get(escaped.upper(), escaped) if escaped else plain))
     kind = "char16_t" if wide else "char"
     numbers = ", ".join(f"({kind}){unit}" for unit in [*units, 0])

@@ -1,4 +1,4 @@
-"""One declared object in C++: a type, the code of a block, and rows that tell Python of its members."""
+"""Translates a declaration to C++: a type, the code of a block, and table rows that describe the members for Python."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def declaration(one: Declaration, names: Mapping[str, Declaration]) -> Iterator[
 
 def definitions(block: Block, names: Mapping[str, Declaration]) -> Iterator[str]:
     owner = type_name(block.name)
-    where = block.name
+    place = block.name
     try:
         yield f"void {owner}::body() {{\n{statements(Scope(names, block), block.body)}\n}}"
         for method in block.methods.values():
-            where = f"{block.name}.{method.name}"
+            place = f"{block.name}.{method.name}"
             scope = Scope(names, block, method)
             name = method_name(method.name)
             yield f"void {owner}::{name}([[maybe_unused]] {name}_parameters &p) {{"
@@ -63,11 +63,11 @@ def definitions(block: Block, names: Mapping[str, Declaration]) -> Iterator[str]
             yield from (f"    {_variable(one, scope)}" for one in method.variables if one.section == "local")
             yield f"{statements(scope, method.body)}\n}}"
     except Unsupported as error:
-        raise Unsupported(f"{where}: {error}") from None
+        raise Unsupported(f"{place}: {error}") from None
 
 
 def owners(names: Iterable[Declaration]) -> Iterator[tuple[str, tuple[Variable, ...]]]:
-    """All that has members at offsets, with them; a method's parameters belong to `BLOCK.METHOD`."""
+    """Yield each owner of members, and these members. A method's parameters belong to `BLOCK.METHOD`."""
     for one in names:
         match one:
             case Structure(members=variables) | Globals(variables=variables):
@@ -81,7 +81,7 @@ def owners(names: Iterable[Declaration]) -> Iterator[tuple[str, tuple[Variable, 
 
 
 class Rows(NamedTuple):
-    """Of the tables that Python reads; see the end of runtime.hpp."""
+    """Rows of the tables that Python reads. See the end of runtime.hpp."""
 
     members: list[str]
     kinds: list[str]
@@ -89,8 +89,8 @@ class Rows(NamedTuple):
 
 
 def rows(one: Declaration) -> Rows:
-    """What the compiled declaration says of itself."""
-    members, kinds, entries = made = Rows([], [], [])
+    """Return the table rows that describe a compiled declaration."""
+    members, kinds, entries = tables = Rows([], [], [])
     type_ = type_name(one.name)
     if isinstance(one, Enumeration):
         members += [f'{{"{one.name}", "{name}", (uint64_t){type_}::{variable(name)}, 0}}' for name, _ in one.values]
@@ -107,7 +107,7 @@ def rows(one: Declaration) -> Rows:
             name = variable(member.name)
             size = f"sizeof((({kind} *)nullptr)->{name})"
             members.append(f'{{"{owner}", "{member.name}", offsetof({kind}, {name}), {size}}}')
-    return made
+    return tables
 
 
 def _parameters(method: Method) -> tuple[Variable, ...]:
@@ -116,7 +116,7 @@ def _parameters(method: Method) -> tuple[Variable, ...]:
 
 
 def _variable(one: Variable, scope: Scope) -> str:
-    """What is packed begins where its members lie well: an ARM of 32 bits reads 64 of them nowhere else (SIGBUS)."""
+    """Return a declaration. Structures are aligned to 8 bytes: a 32-bit ARM cannot read 64 bits elsewhere (SIGBUS)."""
     return f"alignas(8) {_member(one, scope)}" if isinstance(one.type, (Named, Array)) else _member(one, scope)
 
 
@@ -137,9 +137,9 @@ def _initial(member: Variable, scope: Scope) -> str:
     inner = member.type
     while isinstance(inner, Array):
         inner = inner.of
-    held = scope.declared.get(inner.name) if isinstance(inner, Named) else None
-    if isinstance(held, Enumeration):
+    enumeration = scope.declared.get(inner.name) if isinstance(inner, Named) else None
+    if isinstance(enumeration, Enumeration):
         if inner is not member.type:
             raise Unsupported(f"{member.name}: an array of an enumeration")
-        return f"{type_}::{variable(held.initial)}"
+        return f"{type_}::{variable(enumeration.initial)}"
     return f"{type_}{{}}"

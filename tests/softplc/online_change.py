@@ -58,7 +58,7 @@ def _copy(old: View, new: View) -> None:
 
 def _copy_value(type_: Type, old: View, source: int, new: View, target: int) -> None:
     match type_:
-        case Named(name) if name not in new._plc.enumerations:  # the type of this name may be another one by now
+        case Named(name) if name not in new._plc.enumerations:  # a type of this name may differ now
             _copy(View(old._plc, name, source), View(new._plc, name, target))
         case Array(of=of, first=first, last=last):
             for at in range(last - first + 1):

@@ -155,8 +155,8 @@ class Plc:
     def _table(self, row: Any, name: str) -> list[Any]:
         rows = []
         address = ctypes.addressof(ctypes.c_char.in_dll(self.library, name))
-        while (found := row.from_address(address)) and getattr(found, row._fields_[0][0]):
-            rows.append(found)
+        while (entry := row.from_address(address)) and getattr(entry, row._fields_[0][0]):
+            rows.append(entry)
             address += ctypes.sizeof(row)
         return rows
 
@@ -169,7 +169,7 @@ class View:
     """
 
     def __init__(self, plc: Plc, name: str, address: int, memory: Any = None) -> None:
-        self.__dict__.update(_plc=plc, _name=name, _address=address, _memory=memory)  # the memory lives as long
+        self.__dict__.update(_plc=plc, _name=name, _address=address, _memory=memory)  # keep the memory alive
 
     def __getattr__(self, name: str) -> Any:
         type_, address = self._find(name)
@@ -211,8 +211,8 @@ class Block(View):
         """Call a method and return its result, or None if it has no result."""
         memory = self._plc.make(f"{self._name}.{name.upper()}")
         parameters = View(self._plc, f"{self._name}.{name.upper()}", ctypes.addressof(memory))
-        for given, value in inputs.items():
-            setattr(parameters, given, value)
+        for parameter, value in inputs.items():
+            setattr(parameters, parameter, value)
         self._plc.call(self._name, name.upper(), self._address, ctypes.addressof(memory))
         return getattr(parameters, name) if name.upper() in self._plc.types[parameters._name] else None
 
@@ -274,7 +274,7 @@ def _get(plc: Plc, type_: Type, address: int) -> Any:
             return Elements(plc, type_, address)
         case Named(name) if name in plc.enumerations:
             number = _get(plc, plc.enumerations[name], address)
-            return next((value for value, (found, _) in plc.offsets[name].items() if found == number), number)
+            return next((value for value, (code, _) in plc.offsets[name].items() if code == number), number)
         case Named(name):
             return (Block if plc.runs(name) else View)(plc, name, address)
 

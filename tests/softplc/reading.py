@@ -1,8 +1,8 @@
 """Reads Structured Text into blark's trees, one for each TYPE, VAR_GLOBAL, block, program and method.
 
-blark needs a quarter of a millisecond for each character (it is an Earley parser), so comments and idle blanks go
-first, names, strings and numbers are replaced by others of their kind, and what then is the same text is parsed once,
-also in the next run: a thousand generated Publishers differ in nothing else.
+blark is an Earley parser and needs 0.25 ms for each character. Comments and needless blanks are therefore removed, and
+names, strings and numbers are replaced by placeholders. Equal texts are then parsed once, and the trees are cached for
+the next run. A thousand generated publishers differ only in their placeholders.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from tests.support import kept
 
 
 class Unsupported(Exception):
-    """A construct that the translator does not do exactly, and therefore not at all."""
+    """A construct that the translator cannot translate exactly and therefore refuses."""
 
 
 class CompileError(Exception):
-    """What CODESYS would refuse, or g++ says against the translated text."""
+    """An error that CODESYS would report, or that g++ reports for the translated text."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """One object: `stem` is that of its file, `attributes` are the pragmas before it, `tree` is blark's."""
+    """One object. `stem` is that of its file, `attributes` are the pragmas before it, and `tree` is blark's tree."""
 
     file: str
     attributes: Mapping[str, str]
@@ -50,16 +50,16 @@ class Source:
 
 
 def read(files: Mapping[str, str]) -> list[Source]:
-    """All objects of all files, in their order. Raises Unsupported for what is no declaration or cannot be parsed."""
+    """Return the objects of all files in order. Raises Unsupported for other text and for text with errors."""
     pieces = [piece for file, text in files.items() for piece in _pieces(file, text)]
-    parts = [[_numbered(part) for part in _parts(piece.text)] for piece in pieces]
+    parts = [[_replace_names(part) for part in _parts(piece.text)] for piece in pieces]
     trees = _parse_all(dict.fromkeys(text for numbered in parts for text, _ in numbered))
     sources = []
     for piece, numbered in zip(pieces, parts, strict=True):
         for text, _ in numbered:
             if isinstance(trees[text], str):
                 raise Unsupported(f"{piece.file}:{piece.line}: {trees[text]}")
-        tree = _joined([_named(trees[text], names) for text, names in numbered])
+        tree = _join([_restore_names(trees[text], names) for text, names in numbered])
         sources.append(Source(piece.file, piece.attributes, tree))
     return sources
 
@@ -123,12 +123,12 @@ def _pieces(file: str, text: str) -> Iterator[_Piece]:
 
 
 def _parts(text: str) -> Iterator[str]:
-    """Each member of a long list as a list of its own: there are not many different ones."""
-    found = _LIST.fullmatch(text)
-    if found is None:
+    """Yield a list for each member of a long list, because few members differ."""
+    match = _LIST.fullmatch(text)
+    if match is None:
         yield text
         return
-    head, members, tail = found.groups()
+    head, members, tail = match.groups()
     start = 0
     for token in _TOKEN.finditer(members):
         if token[0] == ";":
@@ -136,8 +136,8 @@ def _parts(text: str) -> Iterator[str]:
             start = token.end()
 
 
-def _joined(trees: list[Any]) -> Any:
-    """The opposite of _parts."""
+def _join(trees: list[Any]) -> Any:
+    """Join the trees of the parts that _parts() has yielded."""
     first, *others = trees
     for other in others:
         if isinstance(first, b.GlobalVariableDeclarations):
@@ -147,92 +147,92 @@ def _joined(trees: list[Any]) -> Any:
     return first
 
 
-def _numbered(text: str) -> tuple[str, dict[str, str]]:
-    """The text with names, strings and numbers counted through, each as another of its kind, and what they stand for.
+def _replace_names(text: str) -> tuple[str, dict[str, str]]:
+    """Return the text with numbered placeholders for names, strings and numbers, and the original of each placeholder.
 
-    Names are words before a colon, and words with a small letter in them, which no word of the language has here.
+    Names are words before a colon, and words with a small letter. Keywords have only capitals here.
     """
-    given: dict[str, str] = {}
+    originals: dict[str, str] = {}
 
     def placeholder(token: re.Match[str]) -> str:
-        word, number = token[0], len(given)
+        word, number = token[0], len(originals)
         match token.lastgroup:
             case "word" if word.upper() != word or (text.startswith(":", token.end()) and word not in ELEMENTARY):
-                given[f"Name{number}x"] = word
+                originals[f"Name{number}x"] = word
             case "text":
-                given[f"{word[0]}Text{number}{word[0]}"] = word
+                originals[f"{word[0]}Text{number}{word[0]}"] = word
             case "based":
-                given[f"ABCDEF{number}"] = word[3:]
+                originals[f"ABCDEF{number}"] = word[3:]
                 return f"16#ABCDEF{number}"
             case "number":
-                given[f"7770{number}"] = word
+                originals[f"7770{number}"] = word
             case _:
                 return word
-        return next(reversed(given))
+        return next(reversed(originals))
 
-    return _TOKEN.sub(placeholder, text), given
+    return _TOKEN.sub(placeholder, text), originals
 
 
 def _parse_all(texts: Iterable[str]) -> dict[str, Any]:
-    """Trees by text; many are shared among processes, which are spawned because a test runner has threads."""
-    names = {text: f"tree-{kept.key(_maker(), text)}" for text in texts}
-    trees = _cached(names)
+    """Return the trees by text. Many texts are parsed in processes, spawned because a test runner has threads."""
+    names = {text: f"tree-{kept.key(_parser_key(), text)}" for text in texts}
+    trees = _load_cached(names)
     if names.keys() == trees.keys():
         return trees
     with kept.cache_locked("trees"):  # another worker may be parsing the same texts
-        trees = _cached(names)
+        trees = _load_cached(names)
         new = sorted(names.keys() - trees.keys(), key=len, reverse=True)
         if sum(map(len, new)) < 20_000:
-            made = dict(zip(new, map(_parse, new), strict=True))
+            new_trees = dict(zip(new, map(_parse, new), strict=True))
         else:
             with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-                made = dict(zip(new, pool.map(_parse, new, chunksize=4), strict=True))
-        for text, tree in made.items():
+                new_trees = dict(zip(new, pool.map(_parse, new, chunksize=4), strict=True))
+        for text, tree in new_trees.items():
             kept.keep(names[text], pickle.dumps(tree))
-    return trees | made
+    return trees | new_trees
 
 
-def _cached(names: Mapping[str, str]) -> dict[str, Any]:
+def _load_cached(names: Mapping[str, str]) -> dict[str, Any]:
     """Return the cached trees by text. `names` maps each text to the name of its tree in the cache."""
-    found = {text: kept.find(name) for text, name in names.items()}
-    return {text: pickle.loads(data) for text, data in found.items() if data is not None}
+    entries = {text: kept.find(name) for text, name in names.items()}
+    return {text: pickle.loads(data) for text, data in entries.items() if data is not None}
 
 
 @functools.cache
-def _maker() -> str:
-    """Who turns a text into a tree: a tree of another is made anew."""
+def _parser_key() -> str:
+    """Return a key for blark, Python and this file. Texts whose trees have another key are parsed again."""
     return kept.key(importlib.metadata.version("blark"), sys.version, Path(__file__).read_bytes())
 
 
 def _parse(text: str) -> Any:
-    """blark's tree, or what it says against the text."""
+    """Return blark's tree, or an error message if blark cannot parse the text."""
     result = blark.parse_source_code(text)
     if result.exception is not None:
         return f"blark cannot read it: {str(result.exception).splitlines()[0]}"
     (item,) = result.transform().items
-    return _bare(item)
+    return _without_positions(item)
 
 
-def _bare(node: Any) -> Any:
-    """Without positions, which would refer to the shortened text."""
+def _without_positions(node: Any) -> Any:
+    """Return the tree without positions, which would refer to the shortened text."""
     if isinstance(node, list):
-        return [_bare(item) for item in node]
+        return [_without_positions(item) for item in node]
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
         bare = object.__new__(type(node))
-        vars(bare).update((name, _bare(value)) for name, value in vars(node).items() if name != "meta")
+        vars(bare).update((name, _without_positions(value)) for name, value in vars(node).items() if name != "meta")
         return bare
     return str(node) if isinstance(node, str) else node
 
 
-def _named(node: Any, names: Mapping[str, str]) -> Any:
+def _restore_names(node: Any, names: Mapping[str, str]) -> Any:
     if isinstance(node, list):
-        return [_named(item, names) for item in node]
+        return [_restore_names(item, names) for item in node]
     if isinstance(node, str):
         if node in names or "Name" not in node:
             return names.get(node) or ("-" + names[node[1:]] if node[1:] in names and node[0] == "-" else node)
         return ".".join(names.get(part, part) for part in node.split("."))
     if dataclasses.is_dataclass(node) and not isinstance(node, type):
-        named = object.__new__(type(node))
-        vars(named).update((name, _named(value, names)) for name, value in vars(node).items())
-        return named
+        restored = object.__new__(type(node))
+        vars(restored).update((name, _restore_names(value, names)) for name, value in vars(node).items())
+        return restored
     return node

@@ -1,4 +1,4 @@
-"""Statements, as blark reads them, in C++."""
+"""Translates blark's statements to C++."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def statement(scope: Scope, tree: Any) -> str:
             return case(scope, tree)
         case b.ForStatement(step=None):
             control, last = scope.path(tree.control), scope.expression(tree.to)
-            if scope.acts(tree.to):
+            if scope.has_effects(tree.to):
                 raise Unsupported("a call as the end of FOR")
             head = f"set({control}, {scope.expression(tree.from_)}); truth(at_most({control}, {last}));"
             return f"for ({head} set({control}, add({control}, Integer<1>{{}}))) {braced(scope, tree.statements)}"
@@ -60,7 +60,7 @@ def if_(scope: Scope, tree: b.IfStatement) -> str:
 
 
 def case(scope: Scope, tree: b.CaseStatement) -> str:
-    """A chain of ifs, in which EXIT still means the loop around it."""
+    """Translate CASE to a chain of ifs, in which EXIT still ends the enclosing loop."""
     text = ""
     for element in tree.cases:
         matches = " || ".join(map(partial(label, scope), element.matches))

@@ -1,4 +1,4 @@
-"""What a construct of Structured Text does is known from IEC 61131-3 and the CODESYS help; here it does that."""
+"""Constructs of Structured Text behave in the stand-in as IEC 61131-3 and the CODESYS help define."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 
 class Case(NamedTuple):
-    """`variables` declares, `body` runs once, `expected` is read afterwards."""
+    """A test program. `variables` are declared, `body` runs once, and `expected` is compared afterwards."""
 
     variables: str
     body: str
@@ -53,7 +53,7 @@ CASES = {
         "e := 100 / 10 / 5; f := 1 + 1 = 2 AND 5 > 3 XOR FALSE; g := 7 - 4 - 2;",
         {"a": 12, "b": True, "c": False, "d": 2, "e": 2, "f": True, "g": 1},
     ),
-    "division cuts off": Case(
+    "division truncates": Case(
         "a : INT := -7; q : INT; r : INT; x : LREAL := 7.0;",
         "q := a / 2; r := a MOD 2; x := x / 2.0;",
         {"q": -3, "r": -1, "x": 3.5},
@@ -89,7 +89,7 @@ CASES = {
         "b := 'xyz'; b := a; c := '$N$$$''; same := a = b; less := 'ab' < a; empty := c <> ''; n := SIZEOF(c);",
         {"a": "abc", "b": "abc", "c": "\n$'", "same": True, "less": True, "empty": True, "n": 81},
     ),
-    "a shorter STRING leaves what stood behind": Case(
+    "a shorter STRING keeps the bytes behind it": Case(
         "s : STRING(4) := 'abcd'; p : POINTER TO BYTE; last : BYTE; after : BYTE;",
         "s := 'x'; p := ADR(s); after := p[1]; last := p[3];",
         {"s": "x", "after": 0, "last": ord("d")},
@@ -201,12 +201,12 @@ CASES = {
         "FOR i := 1 TO 2 DO fbs[i](iStep := i); END_FOR over := fbs[2].Count(iBy := 100); n := fbs[2].iCount;",
         {"n": 102, "over": True},
     ),
-    "locals of a method begin anew": Case(
+    "locals of a method are initialized again": Case(
         "fb : FB_Counter; a : BOOL; b : BOOL",
         "a := fb.Count(iBy := 1); b := fb.Count(iBy := 1, iTimes := 2);",
         {"a": False, "b": False, "fb.iCount": 3},
     ),
-    "a list holds blocks and values": Case(
+    "a variable list with blocks and values": Case(
         "n : INT; d : DINT;",
         "GVL_Shared.fbCounter(iStep := 3); GVL_Shared.fbCounter.Count(iBy := 1); n := GVL_Shared.fbCounter.iCount; "
         "d := GVL_Shared.diTotal;",
@@ -217,7 +217,7 @@ CASES = {
         "r := r + 1.0; l := l + 1.0; x := r < l; m := -n * 2.0;",
         {"r": 16777216.0, "l": 16777217.0, "x": True, "m": 1.0},
     ),
-    "what is not a number compares with nothing": Case(
+    "comparisons with NaN": Case(
         "l : LREAL := 1.0E308; a : BOOL; b : BOOL; c : BOOL; d : BOOL; e : BOOL;",
         "l := l * 10.0; l := l - l; a := l >= 0.0; b := l <= 0.0; c := l = l; d := l <> l; e := l < 0.0 OR l > 0.0;",
         {"a": False, "b": False, "c": False, "d": True, "e": False},
@@ -237,35 +237,35 @@ def plc() -> Plc:
 @pytest.mark.parametrize("title", CASES)
 def test_construct(plc: Plc, title: str) -> None:
     block = plc.block(f"P{list(CASES).index(title)}")()
-    assert {path: found(block, path) for path in CASES[title].expected} == CASES[title].expected
+    assert {path: read_path(block, path) for path in CASES[title].expected} == CASES[title].expected
 
 
-def test_what_is_packed_begins_where_its_members_lie_well() -> None:
-    """A generated DUT has its gaps as members, and counts on its place: ARM of 32 bits does not read beside it."""
+def test_packed_variables_are_aligned_to_8_bytes() -> None:
+    """Place packed variables at multiples of 8, as generated DUTs require. A 32-bit ARM reads no unaligned members."""
     text = program("P", "x : BYTE; a : ST_Packed; y : BYTE; b : ARRAY[0..1] OF ST_Packed;", "y := x;")
     plc = compile_st(FILES | {"P.st": text})
     assert [plc.offsets["P"][name.upper()][0] % 8 for name in ("a", "b")] == [0, 0]
 
 
-def found(view: Any, path: str) -> Any:
+def read_path(view: Any, path: str) -> Any:
     for part in path.split("."):
         view = view[int(part)] if part.lstrip("-").isdigit() else getattr(view, part)
     return view
 
 
-def test_an_operand_in_shared_memory_is_looked_at_once() -> None:
-    """A word that others make 0 and 2, 2 and 0 is never found to be 1."""
-    looks = """FOR n := 1 TO 1000000 DO
+def test_operand_in_shared_memory_is_read_once() -> None:
+    """Read only 0 or 2, and never 1, from a word that another thread changes between 0 and 2."""
+    body = """FOR n := 1 TO 1000000 DO
         IF p^ = 1 THEN wrong := wrong + 1; END_IF
         IF t^ = T#1ms THEN wrong := wrong + 1; END_IF
     END_FOR"""
     variables = "p : POINTER TO UDINT; t : POINTER TO TIME; n : UDINT; wrong : UDINT;"
-    block = compile_st({"P.st": program("P", variables, looks)}).block("P")
+    block = compile_st({"P.st": program("P", variables, body)}).block("P")
     shared = ctypes.c_uint32()
     block.p = block.t = ctypes.addressof(shared)
     with ThreadPoolExecutor(1) as thread:
-        looking = thread.submit(block)
-        while not looking.done():
+        future = thread.submit(block)
+        while not future.done():
             for value in (0, 2) * 500:
                 shared.value = value
     assert block.wrong == 0
@@ -277,7 +277,7 @@ def test_two_plcs_in_one_process_share_nothing() -> None:
     assert (one.block("P")().n, two.block("P")().n) == (1, 2)
 
 
-def test_a_library_stays_where_it_is_told(tmp_path: Path) -> None:
+def test_library_stays_in_its_folder(tmp_path: Path) -> None:
     text = program("P", "n : INT", "n := n + 1;")
     compile_st({"P.st": text}, tmp_path)
     block = Plc.load(tmp_path / "plc.so").block("P")

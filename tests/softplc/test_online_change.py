@@ -1,4 +1,4 @@
-"""An online change copies what has the same name and type, and calls the methods in the order of CODESYS's help."""
+"""An online change copies members with the same name and type, and calls the methods in the order of CODESYS."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def program(inner: str, counter: str, outer: str) -> Plc:
 
 
 @pytest.mark.slow
-def test_an_online_change() -> None:
+def test_online_change_copies_members_and_calls_methods() -> None:
     before = program("x : INT; y : INT; w : ARRAY[0..1] OF INT;", "", BEFORE)
     old = before.block("FB_Outer")()
     old.a, old.b, old.s, old.c = 1, 20, "kept", "GREEN"
@@ -40,8 +40,8 @@ def test_an_online_change() -> None:
         old.l[place] = 60
     after = program("y : INT; x : LINT; w : ARRAY[0..1] OF INT;", "m : UDINT := 9;", AFTER)
     new = online_change(old, after)
-    assert (new.a, new.made, new.s, new.c) == (1, False, "kept", "GREEN")  # what FB_Init wrote is copied over
-    assert (new.b, new.new, list(new.l)) == (3, 4, [0] * 4)  # of another type, or not there before
+    assert (new.a, new.made, new.s, new.c) == (1, False, "kept", "GREEN")  # the copy overwrites the values of FB_Init
+    assert (new.b, new.new, list(new.l)) == (3, 4, [0] * 4)  # members of another type, or new members
     assert [(one.y, one.x, list(one.w)) for one in new.v] == [(40, 0, [0, 50]), (41, 0, [0, 51])]
-    assert (new.inner.n, new.inner.m) == (1101, 9)  # a call, FB_Exit of the old, FB_Reinit of the new
+    assert (new.inner.n, new.inner.m) == (1101, 9)  # one call, FB_Exit of the old block, FB_Reinit of the new block
     assert new().inner.n == 1102

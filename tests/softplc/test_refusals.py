@@ -1,4 +1,4 @@
-"""What the translator does not do exactly it refuses by name, and what a PLC could not go on from is a Trap."""
+"""The translator names each construct that it refuses, and an error that would stop a PLC raises Trap."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TRAPS = {
 }
 
 
-def test_what_stops_a_plc_is_a_trap() -> None:
+def test_error_that_stops_a_plc_raises_trap() -> None:
     cases = list(TRAPS.values())
     plc = compile_st({f"T{n}.st": program(f"T{n}", *cases[n][:2]) for n in range(len(cases))})
     for number, (_, _, reason) in enumerate(cases):
@@ -71,10 +71,10 @@ UNSUPPORTED = {
 }
 
 
-@pytest.mark.parametrize("named", UNSUPPORTED)
-def test_anything_else_is_unsupported_by_name(named: str) -> None:
-    with pytest.raises(Unsupported, match=named):
-        translate({"a.st": UNSUPPORTED[named]})
+@pytest.mark.parametrize("construct", UNSUPPORTED)
+def test_unsupported_construct_is_named(construct: str) -> None:
+    with pytest.raises(Unsupported, match=construct):
+        translate({"a.st": UNSUPPORTED[construct]})
 
 
 WRONG = {
@@ -99,13 +99,13 @@ WRONG = {
 
 @pytest.mark.parametrize("title", WRONG)
 @pytest.mark.family("[an undeclared name]", "[a literal too large]")
-def test_what_codesys_would_refuse_does_not_compile(title: str) -> None:
+def test_code_that_codesys_refuses_does_not_compile(title: str) -> None:
     variables, body, message = WRONG[title]
     with pytest.raises(CompileError, match=message):
         compile_st(FILES | {"P.st": program("P", variables, body)})
 
 
-def test_where_a_mistake_stands_is_said() -> None:
+def test_error_contains_its_position() -> None:
     with pytest.raises(Unsupported, match=r"b\.st:2: INTERFACE"):
         translate({**FILES, "b.st": "\nINTERFACE I\nEND_INTERFACE"})
     with pytest.raises(Unsupported, match=r"FB_A\.GO: RepeatStatement"):

@@ -1,4 +1,4 @@
-"""SysShm and SysSemProcess give the results that the CODESYS documents promise, called from Structured Text."""
+"""SysShm and SysSemProcess return the results that CODESYS documents, if Structured Text calls them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_open_does_not_create(plc: Plc, topic: str) -> None:
         posix_ipc.SharedMemory(f"/{block.sName}")
 
 
-def test_create_on_an_existing_object_is_a_success_called_duplicate(plc: Plc, topic: str) -> None:
+def test_create_of_an_existing_object_returns_duplicate(plc: Plc, topic: str) -> None:
     assert run(plc, "P_Create", topic, 4096).udiResult == OK
     again = run(plc, "P_Create", topic, 4096)
     assert (again.udiResult, again.hHandle != INVALID) == (DUPLICATE, True)
@@ -60,7 +60,7 @@ def test_create_on_an_existing_object_is_a_success_called_duplicate(plc: Plc, to
 
 
 @pytest.mark.parametrize("name", ["P_Open", "P_Create"])
-def test_another_size_is_told(plc: Plc, topic: str, name: str) -> None:
+def test_another_size_is_reported(plc: Plc, topic: str, name: str) -> None:
     run(plc, "P_Create", topic, 8192)
     block = run(plc, name, topic, 4096)
     assert (block.udiResult, block.hHandle, block.uxSize) == (BUFFERSIZE, INVALID, 8192)
@@ -74,16 +74,16 @@ def test_sizes_are_compared_exactly_or_in_pages(plc: Plc, topic: str, rounded: b
     plc.round_sizes(False)
 
 
-@pytest.mark.parametrize("born", [0, 1])
-def test_a_semaphore_is_born_as_told_and_then_shared(plc: Plc, topic: str, born: int) -> None:
-    plc.born(born)
+@pytest.mark.parametrize("initial_value", [0, 1])
+def test_semaphore_has_its_initial_value_and_is_shared(plc: Plc, topic: str, initial_value: int) -> None:
+    plc.born(initial_value)
     first = run(plc, "P_Semaphore", topic)
     assert first.udiResult == OK
     semaphore = posix_ipc.Semaphore(f"/{region_name(topic)}")
-    assert semaphore.value == born
+    assert semaphore.value == initial_value
     second = run(plc, "P_Semaphore", topic)
     assert (second.udiResult, second.hHandle != INVALID) == (DUPLICATE, True)
-    if born == 0:
+    if initial_value == 0:
         assert run(plc, "P_Leave", topic, handle=second.hHandle).udiResult == OK
     assert run(plc, "P_Try", topic, handle=first.hHandle).udiResult == OK
     assert run(plc, "P_Try", topic, handle=second.hHandle).udiResult == TIMEOUT

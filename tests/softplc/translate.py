@@ -1,4 +1,4 @@
-"""Translates Structured Text to C++17 that does the same, in some units that are compiled on their own."""
+"""Translates Structured Text to equivalent C++17, in units that are compiled separately."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from tests.softplc.declarations import Block, Declaration, Enumeration, Globals, Structure, declared
+from tests.softplc.declarations import Block, Declaration, Enumeration, Globals, Structure, collect_declarations
 from tests.softplc.expressions import type_name, variable
 from tests.softplc.iec import Array, Elementary, Named, Type
 from tests.softplc.objects import Rows, declaration, definitions, owners, rows
 from tests.softplc.reading import Unsupported, read
 
 _UNIT = 250_000
-"""Characters of code in one unit, which keep the compiler busy for some seconds."""
+"""The number of characters in a unit, which takes the compiler some seconds."""
 _NAME = re.compile(r"\b[Tv]_\w+")
 
 
 @dataclass(frozen=True)
 class Translation:
-    """`types` are the members' types by owner, `enumerations` the base types."""
+    """`types` are the members' types by owner, and `enumerations` are the base types by name."""
 
     units: tuple[str, ...]
     types: Mapping[str, Mapping[str, Type]]
@@ -27,11 +27,11 @@ class Translation:
 
 
 def translate(files: Mapping[str, str]) -> Translation:
-    """`files` as an IDE exports them, METHODs after END_FUNCTION_BLOCK; a variable list has the name of its file.
+    """Translate files as an IDE exports them: METHODs after END_FUNCTION_BLOCK, variable lists named by their files.
 
     Raises Unsupported.
     """
-    names = declared(read(files))
+    names = collect_declarations(read(files))
     declarations = {one.name: "\n".join(declaration(one, names)) for one in _sorted(names)}
     needs = _Needs(declarations, names)
     units: list[str] = []
@@ -51,22 +51,22 @@ def translate(files: Mapping[str, str]) -> Translation:
 
 
 class _Needs:
-    """Which declarations a text needs, found by the names in it."""
+    """Finds the declarations that a text needs by the names in the text."""
 
     def __init__(self, declarations: Mapping[str, str], names: Mapping[str, Declaration]) -> None:
         self.declarations = declarations
         self.spelled = {type_name(name): name for name in names}
         self.spelled |= {variable(name): name for name, one in names.items() if isinstance(one, Globals)}
-        self.direct = {name: self.found(text) for name, text in declarations.items()}
+        self.direct = {name: self.find_names(text) for name, text in declarations.items()}
         self.forward = {name for name, one in names.items() if isinstance(one, Structure | Block)}
 
-    def found(self, text: str) -> set[str]:
+    def find_names(self, text: str) -> set[str]:
         return {self.spelled[word] for word in set(_NAME.findall(text)) if word in self.spelled}
 
     def of(self, text: str) -> Iterator[str]:
-        """The declarations in order; the structures' names first, because pointers may refer to later ones."""
+        """Yield the needed declarations in order. Structures are named first: pointers may refer to later ones."""
         needed: set[str] = set()
-        new = self.found(text)
+        new = self.find_names(text)
         while new:
             needed |= new
             new = set().union(*(self.direct[name] for name in new)) - needed
@@ -75,10 +75,10 @@ class _Needs:
 
 
 def _unit(number: int, objects: list[Declaration], code: list[str], needs: _Needs) -> str:
-    found = list(map(rows, objects))
+    all_rows = list(map(rows, objects))
     tables = []
     for row, table in zip(("Member", "Kind", "Entry"), Rows._fields, strict=True):
-        lines = ",\n".join([*(line for rows in found for line in getattr(rows, table)), "{}"])
+        lines = ",\n".join([*(line for rows in all_rows for line in getattr(rows, table)), "{}"])
         head = f"const {row} {table}_{number}[]"
         tables.append(f'extern "C" {{ extern {head}; {head} = {{\n{lines}\n}}; }}')
     text = "\n".join((*code, *tables))
@@ -86,7 +86,7 @@ def _unit(number: int, objects: list[Declaration], code: list[str], needs: _Need
 
 
 def _sorted(names: Mapping[str, Declaration]) -> list[Declaration]:
-    """What is held before what holds it, and variable lists last, because they need everything."""
+    """Sort types before the types that contain them, and variable lists last, because lists need all types."""
     done: dict[str, Declaration] = {}
     waiting: list[str] = []
 
@@ -96,10 +96,10 @@ def _sorted(names: Mapping[str, Declaration]) -> list[Declaration]:
         if name in done:
             return
         waiting.append(name)
-        for held in _holds(names[name]):
-            if held not in names:
-                raise Unsupported(f"{name}: there is no type {held}")
-            visit(held)
+        for inner in _contained_types(names[name]):
+            if inner not in names:
+                raise Unsupported(f"{name}: there is no type {inner}")
+            visit(inner)
         done[name] = names[waiting.pop()]
 
     for name in names:
@@ -107,7 +107,7 @@ def _sorted(names: Mapping[str, Declaration]) -> list[Declaration]:
     return sorted(done.values(), key=lambda one: isinstance(one, Globals))
 
 
-def _holds(one: Declaration) -> Iterator[str]:
+def _contained_types(one: Declaration) -> Iterator[str]:
     for _, variables in owners([one]):
         for member in variables:
             type_ = member.type
