@@ -189,7 +189,7 @@ def test_contract_detects_names_equal_up_to_case() -> None:
         contract.clashes_are_reported(target(**parts, NAMES=names(**spelling)))
 
 
-def test_included_target_is_rendered_first_and_written_on_request() -> None:
+def test_included_target_is_rendered_first_but_not_written() -> None:
     """Render each target once, even if two targets include it, and also for indirect inclusion."""
     plan_order: list[str] = []
 

@@ -91,8 +91,8 @@ def test_reserved_words_work_as_names_in_python(tmp_path: Path) -> None:
             assert getattr(kind, python_names.python_member(constant.name)) == constant.value
 
 
-def test_reserved_words_include_keywords_and_no_public_ctypes_name() -> None:
-    """Compare the reserved words with Python's keywords and with the public attributes of ctypes structures."""
+def test_keywords_are_reserved_and_ctypes_adds_no_names() -> None:
+    """Reserve all keywords of Python. ctypes structures have no public attributes, so no other words are necessary."""
     assert set(keyword.kwlist) <= python_names.PYTHON_RESERVED
     assert not [name for name in dir(ctypes.Structure) if not name.startswith("_")]
 

@@ -1,7 +1,7 @@
 """Read definitions with genmsg (ROS 1). This script runs in its own process.
 
 Standard input: [[package, kind, name, text], …]. Standard output: equal to by_rosidl.py, without defaults and units.
-genmsg does not read .action, so this script splits them like a .srv, at each line that begins with `---`.
+This script splits an .action at each line that begins with `---`, like a .srv, because genmsg reads no .action.
 """
 
 from __future__ import annotations
