@@ -48,7 +48,7 @@ def folder(tmp_path: Path, topic: str) -> Path:
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
-    """The number of calls of each step. The reading of a definition has the name of its file."""
+    """The number of calls of each step. The key for reading a definition is the name of its file."""
     counts: Counter[str] = Counter()
 
     def count_calls(module: Any, name: str, label: str = "") -> None:

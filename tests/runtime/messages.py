@@ -93,7 +93,7 @@ def print_line(line: object) -> None:
 
 
 def main(job: str, topic: str, depth: int = 1) -> None:
-    """Do the job of the second process: print a line when it is ready, and end with the end of its input."""
+    """Do the job of the second process. Print "ready" at the start, and exit at the end of the input."""
     claim._STOOD_STILL = math.inf  # like the fixture in_time
     match job:
         case "publish":

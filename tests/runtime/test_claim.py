@@ -18,7 +18,7 @@ from .messages import PosePublisher, PoseSubscriber, pose
 
 NUMBER = 41
 STOOD_STILL = claim._STOOD_STILL
-"""The limit that the fixture in_time replaces by infinity."""
+"""The limit that the fixture in_time replaces with infinity."""
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_topic_lost_while_copying_clears_the_slot_and_lock(topic):
 @pytest.mark.parametrize("use", [lambda publisher: publisher.publish(pose(2.0)), PosePublisher.heartbeat])
 @pytest.mark.usefixtures("each_engine")
 def test_publisher_writes_nothing_after_it_lost_the_topic(topic, use):
-    """Change no byte of the region, except the count of lock acquisitions."""
+    """Change no byte of the region, except the number of lock acquisitions."""
     with PosePublisher(topic) as publisher:
         publisher.publish(pose(1.0))
         region_of(publisher).words[h.WRITER] = h.PLC

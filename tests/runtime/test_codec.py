@@ -121,7 +121,7 @@ TIMES = (
 
 
 class Walkers:
-    """Both walkers of one message class. Every call compares their results and errors."""
+    """Both walkers of one message class. encode() and decode() compare their results and errors."""
 
     def __init__(self, kind: Any) -> None:
         self.kind, self.codec = kind, engine.codec(kind)
@@ -524,12 +524,12 @@ FAULTS = {
     "too high a count of a PLC's": ("objects.c", "if (count > step->length)", "if (false)", "invalid_text"),
     "one byte past the end": ("objects.c", "self->size - cleared);", "self->size - cleared + 64);", "texts_and_times"),
     "a long array's rest": ("objects.c", "memset(into, 0, (step", "memset(into, 0, 0 * (step", "long_arrays"),
-    "numbers not aligned": ("wire.c", "(size - wire->at % size) % size", "0", "any_message"),
-    "bytes not swapped": ("wire.c", "from[size - 1 - index]", "from[index]", "any_message"),
+    "numbers not aligned": ("wire.c", "(size - wire->at % size) % size", "0", "codecs_equal or genpy"),
+    "bytes not swapped": ("wire.c", "from[size - 1 - index]", "from[index]", "codecs_equal or genpy"),
     "a text without its end": ("wire.c", "(ends && text[length - 1] != 0)", "false", "refused"),
-    "a text past the bytes": ("wire.c", "|| length > wire->room - wire->at)\n", ")\n", "any_message"),
+    "a text past the bytes": ("wire.c", "|| length > wire->room - wire->at)\n", ")\n", "codecs_equal or genpy"),
     "a bool of 2 from ROS": ("wire.c", "into[index] > 1", "into[index] > 2", "refused"),
-    "seconds past ROS": ("wire.c", "parts[0] > (is_signed ? INT32_MAX : UINT32_MAX)", "false", "any_message"),
+    "seconds past ROS": ("wire.c", "parts[0] > (is_signed ? INT32_MAX : UINT32_MAX)", "false", "codecs_equal or genpy"),
 }  # fmt: skip
 """Faults to plant in the extension: the file, the old text, the new text, and the tests that detect the fault."""
 

@@ -78,12 +78,12 @@ def kinds(tmp_path_factory):
 def build_object(kind, value):
     """Return an object with the fields of a message class, each number from `value`."""
 
-    def field_value(step):
+    def make_value(step):
         if step.length:
             return [value(CODES[step.kind]) for _ in range(step.length)]
         return value(CODES[step.kind]) if step.kind in CODES else build_object(step.kind, value)
 
-    return SimpleNamespace(**{step.name: field_value(step) for step in kind._steps_})
+    return SimpleNamespace(**{step.name: make_value(step) for step in kind._steps_})
 
 
 def outcome(publisher, message):
@@ -95,10 +95,10 @@ def outcome(publisher, message):
         assert publisher.sequence == before == region_of(publisher).words[h.COMPLETED0]
         return type(error), str(error)
     assert publisher.sequence == before + 1
-    return newest(publisher)
+    return read_newest(publisher)
 
 
-def newest(publisher):
+def read_newest(publisher):
     """Return the newest sample as text: nan equals nan, and elements past a count do not appear."""
     region = region_of(publisher)
     payload = region.map[region.payload(region.find(publisher.sequence))]
@@ -181,14 +181,14 @@ def test_publish_and_read_leak_no_memory(topic, kinds):
 
         long_scan = Scan()
         exchange(1000)
-        references_before, pages_before = (sys.getrefcount(message.position), sys.getrefcount(long_scan)), pages()
+        references_before, pages_before = (sys.getrefcount(message.position), sys.getrefcount(long_scan)), count_pages()
         exchange(50_000)
-        references_after, pages_after = (sys.getrefcount(message.position), sys.getrefcount(long_scan)), pages()
+        references_after, pages_after = (sys.getrefcount(message.position), sys.getrefcount(long_scan)), count_pages()
     assert references_after == references_before
     assert pages_after - pages_before < 512
 
 
-def pages() -> int:
+def count_pages() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1])
 
 

@@ -126,7 +126,7 @@ def test_ready_any_returns_only_subscribers_with_a_sample(several, writers):
 @needs_sleep
 def test_any_writer_wakes_the_sleeping_reader(several, other, monkeypatch):
     monkeypatch.setattr(wait_any, "_SLICE", LONG / 1e9)
-    processes = [other("publish", one.topic) for one in several]
+    processes = [other("publish", reader.topic) for reader in several]
 
     def publish_when_armed(number):
         until(lambda: are_armed(several))
@@ -138,7 +138,7 @@ def test_any_writer_wakes_the_sleeping_reader(several, other, monkeypatch):
         assert processes[number].hear()
         assert several[number].read().position.x == number
         assert are_idle(several)
-        assert [region_of(one).words[h.ARMED] for one in several].count(0) == 1, "the writer cleared `armed`"
+        assert [region_of(reader).words[h.ARMED] for reader in several].count(0) == 1, "the writer cleared `armed`"
         disarm(several)
 
 
@@ -188,8 +188,8 @@ def test_more_subscribers_than_the_kernel_allows_are_polled(several):
             assert sleep_on_all(readers, LONG) < 10
         assert are_idle(readers)
     finally:
-        for one in readers[COUNT:]:
-            one.close()
+        for reader in readers[COUNT:]:
+            reader.close()
     with pytest.raises(TypeError):
         engine.sleep_any((several[0]._end, 1), LONG)
     assert are_idle(several)
@@ -219,7 +219,7 @@ def test_close_by_another_thread_ends_ready_any(several):
 @needs_sleep
 def test_signal_interrupts_the_sleep_for_its_handler(several):
     waiters = []
-    former = signal.signal(signal.SIGALRM, lambda *_: waiters.append(any(read_event(one)[1] for one in several)))
+    former = signal.signal(signal.SIGALRM, lambda *_: waiters.append(any(read_event(reader)[1] for reader in several)))
     signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
     try:
         sleep_on_all(several, LONG)
@@ -234,23 +234,23 @@ def test_signal_interrupts_the_sleep_for_its_handler(several):
 @needs_sleep
 def test_process_killed_in_its_sleep_does_not_affect_others(several, topic, other):
     """Count the killed process as a waiter. A PLC's post then makes a system call that wakes no process."""
-    for one in several:
-        region_of(one).words[h.WRITER] = h.PLC
+    for reader in several:
+        region_of(reader).words[h.WRITER] = h.PLC
     process = other("await", topic, COUNT).process
 
     def stop_asleep():
         until(lambda: are_armed(several))
         process.send_signal(signal.SIGSTOP)
         os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOWAIT)
-        return [read_event(one) for one in several] == [(0, 1)] * COUNT or process.send_signal(signal.SIGCONT)
+        return [read_event(reader) for reader in several] == [(0, 1)] * COUNT or process.send_signal(signal.SIGCONT)
 
     until(stop_asleep)  # the process is armed before it is counted as a waiter
     process.kill()
     process.wait()
-    for one in several:
-        region_of(one).words[h.WRITER] = 0
+    for reader in several:
+        region_of(reader).words[h.WRITER] = 0
     with ExitStack() as stack:
-        writers = [stack.enter_context(PosePublisher(one.topic)) for one in several]
+        writers = [stack.enter_context(PosePublisher(reader.topic)) for reader in several]
         for number, writer in enumerate(writers):
             writer.publish(pose(number))
         assert ready_any(several, 0) == several
@@ -258,8 +258,8 @@ def test_process_killed_in_its_sleep_does_not_affect_others(several, topic, othe
 
 
 def check_after_kill(several, writers):
-    for number, one in enumerate(several):
-        assert (one.read().position.x, read_event(one), region_of(one).words[h.ARMED]) == (number, (0, 1), 0)
+    for number, reader in enumerate(several):
+        assert (reader.read().position.x, read_event(reader), region_of(reader).words[h.ARMED]) == (number, (0, 1), 0)
     thread = threading.Thread(
         target=lambda: (until(lambda: region_of(several[2]).words[h.ARMED]), writers[2].publish(pose(9)))
     )
@@ -267,7 +267,7 @@ def check_after_kill(several, writers):
     sleep_on_all(several, LONG)
     thread.join()
     assert several[2].read().position.x == 9.0
-    assert [read_event(one) for one in several] == [(0, 1)] * COUNT
+    assert [read_event(reader) for reader in several] == [(0, 1)] * COUNT
 
 
 SCRIPT = """

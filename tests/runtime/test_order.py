@@ -17,7 +17,7 @@ from shmgen.runtime import engine, reference
 from shmgen.runtime.reference import memory_order
 
 WORDS = 2**63 - 1, 2**31 - 1
-"""sys.maxsize of a process of 64 and of 32 bits."""
+"""The values of sys.maxsize in a 64-bit and in a 32-bit process."""
 
 
 def load_fence():
@@ -106,7 +106,7 @@ def test_header_access_is_between_two_barriers(machine, monkeypatch):
     [("", "", 0, True), ("1", "", 0, False), ("", "", 1, False), ("", "t", 0, False)],
 )
 def test_older_or_foreign_extension_is_not_loaded(monkeypatch, pure, flags, abi_offset, is_loaded):
-    """Ignore it in a free-threaded Python (flag t), which finds the file of another Python by name and would fail."""
+    """Ignore the extension of another Python, which a free-threaded Python (flag t) finds by name but cannot use."""
     extension = Mock(ABI=abi.ABI + abi_offset)
     monkeypatch.setenv("SHMGEN_PURE", pure)
     monkeypatch.setattr(sys, "abiflags", flags)

@@ -280,7 +280,7 @@ def test_header_is_checked_after_it_was_written(topic, file, monkeypatch):
 
 @in_python
 def test_opening_waits_for_a_live_creator(topic, file, monkeypatch):
-    naps = on_sleep(monkeypatch, lambda: os.truncate(file, 4096))
+    naps = work_on_sleep(monkeypatch, lambda: os.truncate(file, 4096))
     file.touch(mode=0o600)
     monkeypatch.setattr(opening, "_allocate", None)
     PosePublisher(topic).close()
@@ -299,14 +299,14 @@ def test_opening_waits_for_the_writer_of_the_header(topic, file, monkeypatch):
             record_locks.unlock_byte(other.fileno(), REPAIR_LOCK)
 
         assert record_locks.lock_byte(other.fileno(), REPAIR_LOCK)
-        naps = on_sleep(monkeypatch, write_header)
+        naps = work_on_sleep(monkeypatch, write_header)
         monkeypatch.setattr(opening, "fence", None)
         PosePublisher(topic).close()
     assert naps[0] == 0.001
 
 
-def on_sleep(monkeypatch, work):
-    """Call `work` before each sleep, without a limit of the waiting time. Return the list of requested durations."""
+def work_on_sleep(monkeypatch, work):
+    """Call `work` before each sleep, and extend the timeout of peers. Return the list of the requested durations."""
     sleep, naps = time.sleep, []
 
     def work_and_sleep(seconds):
@@ -514,8 +514,8 @@ def test_record_locks_cover_one_byte_each(topic):
     def is_locked(region, byte):
         return record_locks.byte_is_locked(region.file, byte)
 
-    with PoseSubscriber(topic) as one, PoseSubscriber(topic) as other:
-        first, second = region_of(one), region_of(other)
+    with PoseSubscriber(topic) as reader, PoseSubscriber(topic) as other_reader:
+        first, second = region_of(reader), region_of(other_reader)
         assert record_locks.lock_byte(first.file, REPAIR_LOCK)
         assert not record_locks.lock_byte(second.file, REPAIR_LOCK)
         assert (is_locked(second, WRITER_LOCK), is_locked(second, REPAIR_LOCK)) == (False, True)

@@ -32,8 +32,8 @@ READS = {
     "read_all": lambda subscriber: subscriber.read_all(),
     "wait": lambda subscriber: subscriber.wait(0.01),
     "ready": lambda subscriber: subscriber.ready(0.01) and subscriber.read(),
-    "ready_any": lambda subscriber: [one.read() for one in runtime.ready_any([subscriber], 0.01)],
-    "ready_any_of_two": lambda subscriber: [one.read() for one in runtime.ready_any([subscriber] * 2, 0.01)],
+    "ready_any": lambda subscriber: [end.read() for end in runtime.ready_any([subscriber], 0.01)],
+    "ready_any_of_two": lambda subscriber: [end.read() for end in runtime.ready_any([subscriber] * 2, 0.01)],
 }
 
 

@@ -110,7 +110,7 @@ def test_another_depth_is_another_layout(topic):
     with PosePublisher(topic, depth=8) as publisher, PoseSubscriber(topic, depth=8) as subscriber:
         for x in range(8):
             publisher.publish(pose(x))
-        assert [one.position.x for one in subscriber.read_all()] == list(range(8))
+        assert [message.position.x for message in subscriber.read_all()] == list(range(8))
 
 
 @pytest.mark.parametrize("side", [ScanPublisher, ScanSubscriber])

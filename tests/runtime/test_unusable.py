@@ -118,7 +118,7 @@ def test_lack_of_file_descriptors_is_reported(topic):
 
 @in_python
 def test_failed_opening_keeps_no_descriptor_open(topic, monkeypatch):
-    """Close the descriptors although the error still exists, whose traceback references the local variables."""
+    """Close the descriptors even if the caller keeps the error, whose traceback references the local variables."""
 
     def refuse(*_):
         raise runtime.RegionUnusable("for once")
