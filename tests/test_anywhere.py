@@ -88,7 +88,7 @@ def test_all_pythons_generate_the_same_bytes(version: str, place: str, packages_
     ours = generate(sys.executable, tmp_path / "ours", packages_folder, {})
     assert len(ours) > 40
     assert generate(python, tmp_path / "a" / place, packages_folder, PLACES[place]) == ours
-    outputs = [print_message(which, tmp_path / "ours", packages_folder) for which in (sys.executable, python)]
+    outputs = [print_message(each, tmp_path / "ours", packages_folder) for each in (sys.executable, python)]
     assert outputs[0] == outputs[1]
 
 

@@ -86,8 +86,8 @@ def test_cmake_regenerates_after_a_change(tmp_path: Path, generator: str) -> Non
         return int(subprocess.run([build / "size"], capture_output=True, check=True).stdout)
 
     install = tmp_path / "installed"
-    where = [f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={install}"]
-    cmake("-S", source, "-B", build, "-G", generator, *where)
+    options = [f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={install}"]
+    cmake("-S", source, "-B", build, "-G", generator, *options)
     assert "shmgen generate robot_messages" in cmake("--build", build)
     before = size()
     assert "shmgen generate" not in cmake("--build", build)
@@ -165,9 +165,9 @@ def test_shared_library_works_without_the_headers(tmp_path: Path, topic: str) ->
     build, prefix = tmp_path / "build", tmp_path / "installed"
     (tmp_path / "shmgen").write_text(f'#!/bin/sh\nexec {sys.executable} -m shmgen "$@"\n')
     (tmp_path / "shmgen").chmod(0o755)
-    where = [f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={prefix}"]
-    where += [f"-DSHMGEN_EXECUTABLE={tmp_path / 'shmgen'}", "-DCMAKE_INSTALL_LIBDIR=lib"]
-    for command in (["-S", tmp_path, "-B", build, *where], ["--build", build], ["--install", build]):
+    options = [f"-Dshmgen_DIR={REPOSITORY / 'src' / 'shmgen' / 'cmake'}", f"-DCMAKE_INSTALL_PREFIX={prefix}"]
+    options += [f"-DSHMGEN_EXECUTABLE={tmp_path / 'shmgen'}", "-DCMAKE_INSTALL_LIBDIR=lib"]
+    for command in (["-S", tmp_path, "-B", build, *options], ["--build", build], ["--install", build]):
         done = subprocess.run(["cmake", *map(str, command)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
     assert (prefix / "lib" / "libshmgen.a").is_file()

@@ -12,7 +12,7 @@ import pytest
 
 from .support import steps
 from .support.plc_demo import Demo, take_over
-from .test_never_waits import compiled
+from .test_never_waits import compile_library
 
 pytestmark = pytest.mark.slow
 
@@ -50,7 +50,7 @@ EARLY = """
 @pytest.mark.parametrize("language", ["c", "cpp"])
 @pytest.mark.parametrize("fault", ["", EARLY], ids=["", "planted"])
 def test_sample_survives_a_killed_c_writer(demo: Demo, tmp_path: Path, topic: str, language: str, fault: str) -> None:
-    library = compiled(tmp_path, fault)
+    library = compile_library(tmp_path, fault)
 
     def publish(number: int, instruction: int) -> None:
         getattr(library, f"{language}_open")(topic.encode())

@@ -81,7 +81,9 @@ def compile_program(compiler: str, source: str, include: Path, target: Path) -> 
     return subprocess.run(command, input=source, text=True, capture_output=True, check=False)
 
 
-def test_same_layout(machine: tuple[str, tuple[str, ...]], config: Config, layouts: Layouts, tmp_path: Path) -> None:
+def test_headers_have_the_same_layout_on_all_machines(
+    machine: tuple[str, tuple[str, ...]], config: Config, layouts: Layouts, tmp_path: Path
+) -> None:
     compiler, emulator = machine
     binary = tmp_path / "layout"
     put(headers(), tmp_path / "c")
@@ -102,10 +104,7 @@ def test_same_layout(machine: tuple[str, tuple[str, ...]], config: Config, layou
     assert printed == expected
     frame, orientation, covariance = values.rsplit(" ", 2)
     assert frame == message.header.frame_id
-    assert (float(orientation), float(covariance)) == (
-        message.orientation.w,
-        message.linear_acceleration_covariance[8],
-    )
+    assert (float(orientation), float(covariance)) == (message.orientation.w, message.linear_acceleration_covariance[8])
 
 
 @pytest.mark.parametrize("fault", ["no padding", "no packing, no padding"])

@@ -41,8 +41,8 @@ BOUNDS = "generator/bounds.py"
 
 
 def test_explained_survivors_exist() -> None:
-    rooms, survivors = plan()
-    every = [mutant for room in rooms for file in room.files for mutant in mutants_of(file, read(file))]
+    groups, survivors = plan()
+    every = [mutant for group in groups for file in group.files for mutant in mutants_of(file, read(file))]
     assert len(every) > 1500
     assert unexplained(every, survivors)[1] == []
     assert all(entry["why"] for entry in survivors)
@@ -52,8 +52,8 @@ def test_explained_survivors_exist() -> None:
 def test_mutant_is_killed_by_a_test_that_detects_it() -> None:
     test = ["tests/definitions/test_bounds.py"]
     detected, explained = (
-        next(mutant for mutant in mutants_of(file, read(file)) if (mutant.where, mutant.was) == where)
-        for file, where in ((BOUNDS, ("_most_specific", "key in table")), ("generator/layout.py", ("_message", "0")))
+        next(mutant for mutant in mutants_of(file, read(file)) if (mutant.where, mutant.was) == change)
+        for file, change in ((BOUNDS, ("_most_specific", "key in table")), ("generator/layout.py", ("_message", "0")))
     )
     with tempfile.TemporaryDirectory() as folder:
         worker = Worker(Path(folder))

@@ -119,7 +119,7 @@ def assert_bounded(count: Counted, bound: Bound) -> None:
 # --- C and C++ --------------------------------------------------------------------------------------------------
 
 
-def compiled(folder: Path, plant: str = "") -> ctypes.CDLL:
+def compile_library(folder: Path, plant: str = "") -> ctypes.CDLL:
     """Compile C and C++ into one shared library. The code in `plant` is inserted before each write."""
     if not shutil.which("g++"):
         pytest.skip("g++ is not installed")
@@ -141,7 +141,7 @@ SLEEP = "shmgen_pause(10 * SHMGEN_MS);"
 
 @pytest.fixture(scope="module")
 def cycles(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    return compiled(tmp_path_factory.mktemp("cycle"))
+    return compile_library(tmp_path_factory.mktemp("cycle"))
 
 
 class Ends:
@@ -199,7 +199,7 @@ def test_service_in_c_stays_within_limits(ends: Ends, names: tuple[str, ...]) ->
 @pytest.mark.parametrize("language", ["c", "cpp"])
 @pytest.mark.slow
 def test_sleep_planted_in_c_exceeds_the_limit(tmp_path: Path, topic: str, language: str) -> None:
-    ends = Ends(compiled(tmp_path, SLEEP), language, topic)
+    ends = Ends(compile_library(tmp_path, SLEEP), language, topic)
     assert not C["try_publish", "usual"].holds(ends.count("try_publish"))
     ends.call("close")
 

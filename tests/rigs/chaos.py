@@ -219,17 +219,17 @@ class Halves(Wrapped):
         super().__init__(inner)
         self.rng = rng
 
-    def __getitem__(self, where: slice) -> bytes:
-        middle = (where.start + where.stop) // 2
-        back = self.inner[middle : where.stop]
+    def __getitem__(self, part: slice) -> bytes:
+        middle = (part.start + part.stop) // 2
+        back = self.inner[middle : part.stop]
         self.pause()
-        return bytes(self.inner[where.start : middle] + back)
+        return bytes(self.inner[part.start : middle] + back)
 
-    def __setitem__(self, where: slice, data: bytearray) -> None:
+    def __setitem__(self, part: slice, data: bytearray) -> None:
         half = len(data) // 2
-        self.inner[where.start : where.start + half] = data[:half]
+        self.inner[part.start : part.start + half] = data[:half]
         self.pause()
-        self.inner[where.start + half : where.stop] = data[half:]
+        self.inner[part.start + half : part.stop] = data[half:]
 
     def pause(self) -> None:
         """Sleep in three of ten copies. More pauses would leave no samples to a reader that does not use the lock."""

@@ -50,9 +50,9 @@ def not_cleared(stage: Any) -> None:
     """Let the writer keep the old number of a slot while it copies a sample into the slot."""
 
     class Words(Wrapped):
-        def __setitem__(self, where: int, value: int) -> None:
-            if value or where < h.HEADER_SIZE // 4:
-                self.inner[where] = value
+        def __setitem__(self, key: int, value: int) -> None:
+            if value or key < h.HEADER_SIZE // 4:
+                self.inner[key] = value
 
     after_opening(stage, PUBLISHER, lambda publisher: swap(publisher, "words", Words))
 
@@ -125,11 +125,11 @@ class Wrapped:
     def __init__(self, inner: Any) -> None:
         self.inner = inner
 
-    def __getitem__(self, where: Any) -> Any:
-        return self.inner[where]
+    def __getitem__(self, key: Any) -> Any:
+        return self.inner[key]
 
-    def __setitem__(self, where: Any, value: Any) -> None:
-        self.inner[where] = value
+    def __setitem__(self, key: Any, value: Any) -> None:
+        self.inner[key] = value
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
@@ -145,10 +145,10 @@ def _ring(map: Any) -> None:
 writer.ring = _ring  # type: ignore[attr-defined]
 
 
-def after_opening(stage: Any, which: int, plant: Callable[[Any], None]) -> None:
+def after_opening(stage: Any, index: int, plant: Callable[[Any], None]) -> None:
     """Call `plant` with each new publisher or subscriber of this process."""
     for kinds in stage.classes.values():
-        _plant(kinds[which], plant)
+        _plant(kinds[index], plant)
 
 
 def _plant(kind: Any, plant: Callable[[Any], None]) -> None:
@@ -161,18 +161,18 @@ def _plant(kind: Any, plant: Callable[[Any], None]) -> None:
     kind.__init__ = __init__
 
 
-def swap(side: Any, what: str, wrapper: Callable[[Any], Any]) -> None:
-    """Replace the attribute `what` of an endpoint's region (words, quads or map) by a wrapper."""
-    region = side._end.region
-    setattr(region, what, wrapper(getattr(region, what)))
+def swap(endpoint: Any, attribute: str, wrapper: Callable[[Any], Any]) -> None:
+    """Replace the attribute `attribute` of an endpoint's region (words, quads or map) by a wrapper."""
+    region = endpoint._end.region
+    setattr(region, attribute, wrapper(getattr(region, attribute)))
 
 
 def swap_map(publisher: Any, before: Callable[[], None]) -> None:
     """Call `before` before each copy into the region."""
 
     class Map(Wrapped):
-        def __setitem__(self, where: Any, value: Any) -> None:
+        def __setitem__(self, key: Any, value: Any) -> None:
             before()
-            self.inner[where] = value
+            self.inner[key] = value
 
     swap(publisher, "map", Map)

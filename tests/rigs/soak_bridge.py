@@ -393,7 +393,7 @@ def run(graph: Ros, space: str, seconds: float, seed: int, longest: float, stran
     with Onlooker(map(stage.topic, CALM), longest, lambda: os.kill(pid, signal.SIGUSR2)) as looks:
         while time.monotonic() < begun + seconds:
             mishap = dice.choice(
-                [each for each in MISHAPS if each is not kill_the_master or hasattr(graph, "stop_master")]
+                [choice for choice in MISHAPS if choice is not kill_the_master or hasattr(graph, "stop_master")]
             )
             mishap(stage, dice)
             verdict.mishaps[mishap.__name__] += 1
