@@ -115,7 +115,7 @@ def test_plc_program_echoes_after_restarts(peer: Path, cell: Domain, library: Pa
 
 
 @pytest.mark.slow
-def test_services_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> None:
+def test_services_pass_both_ways(cell: Domain, graph: backend.Graph, topic: str) -> None:
     """Use Python as the PLC, and the dds backend in this process as the ROS client and server."""
     file = cell.folder / "msgs" / "cell_msgs" / "srv" / "Start.srv"
     file.parent.mkdir(parents=True)

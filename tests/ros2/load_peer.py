@@ -1,4 +1,4 @@
-"""The same nodes as tests/bridge/load_peer.py in rclpy, with no code of ours: a source, an echo, a sink.
+"""The nodes of tests/bridge/load_peer.py in rclpy, without code of shmgen: a source, an echo, a sink, a caller.
 
 python load_peer.py source SPACE SECONDS | echo SPACE | sink SPACE | caller SPACE
 """
@@ -18,7 +18,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool
 
 RATES = {f"t{number}": 100.0 for number in range(10)} | {"fast": 1000.0}
-"""Hz, by topic."""
+"""The rate of each topic in Hz."""
 QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -31,7 +31,7 @@ def main(role, space, *more):
 
 def source(node, space, seconds):
     publishers = {name: node.create_publisher(PoseStamped, f"{space}/{name}", QOS) for name in RATES}
-    while not all(one.get_subscription_count() for one in publishers.values()):
+    while not all(publisher.get_subscription_count() for publisher in publishers.values()):
         time.sleep(0.01)
     print("connected", flush=True)
     sys.stdin.readline()
@@ -40,10 +40,10 @@ def source(node, space, seconds):
     def run(names, rate):
         message = PoseStamped()
         message.header.frame_id = "load"
-        begun = time.monotonic()
+        started_at = time.monotonic()
         for number in range(round(float(seconds) * rate)):
-            if (left := begun + number / rate - time.monotonic()) > 0:
-                time.sleep(left)
+            if (delay := started_at + number / rate - time.monotonic()) > 0:
+                time.sleep(delay)
             for name in names:
                 message.pose.position.x = float(number)
                 message.pose.position.y = time.monotonic()
@@ -51,7 +51,7 @@ def source(node, space, seconds):
                 sent[name] += 1
 
     threads = [
-        threading.Thread(target=run, args=([name for name, own in RATES.items() if own == rate], rate))
+        threading.Thread(target=run, args=([name for name, topic_rate in RATES.items() if topic_rate == rate], rate))
         for rate in sorted(set(RATES.values()))
     ]
     for thread in threads:
@@ -59,7 +59,7 @@ def source(node, space, seconds):
     for thread in threads:
         thread.join()
     print(json.dumps(sent), flush=True)
-    sys.stdin.readline()  # stays, so that what is under way arrives
+    sys.stdin.readline()  # stay until the last messages have arrived
 
 
 def echo(node, space):
@@ -70,32 +70,32 @@ def echo(node, space):
 
 
 def sink(node, space):
-    seen = {name: [] for name in RATES}
+    rows = {name: [] for name in RATES}
     last = dict.fromkeys(RATES, 0)
 
-    def sink(name):
-        def take(message, about):
-            """And all that waits behind it: an executor's turn costs more than a message, and is not measured here."""
+    def record(name):
+        def append(message, info):
+            """Record all queued messages too, because a turn of the executor costs more than a message."""
             while True:
-                last[name] = about["publication_sequence_number"]
-                seen[name].append((message.pose.position.x, time.monotonic() - message.pose.position.y))
+                last[name] = info["publication_sequence_number"]
+                rows[name].append((message.pose.position.x, time.monotonic() - message.pose.position.y))
                 more = subscriptions[name].handle.take_message(PoseStamped, False)
                 if more is None:
                     return
-                message, about = more
+                message, info = more
 
-        return take
+        return append
 
     subscriptions = {
-        name: node.create_subscription(PoseStamped, f"{space}/{name}_back", sink(name), QOS) for name in RATES
+        name: node.create_subscription(PoseStamped, f"{space}/{name}_back", record(name), QOS) for name in RATES
     }
     spin(node)
-    # Every publisher counts from 1: what was sent and did not come into our hands is nobody else's fault.
-    print(json.dumps({"seen": seen, "dropped": sum(last.values()) - sum(map(len, seen.values()))}), flush=True)
+    # Every publisher counts from 1, so the missing numbers are messages that this sink dropped.
+    print(json.dumps({"seen": rows, "dropped": sum(last.values()) - sum(map(len, rows.values()))}), flush=True)
 
 
 def caller(node, space):
-    """There is always a call that waits."""
+    """Send a request every 0.5 s, so that one call is always pending."""
     client = node.create_client(SetBool, f"{space}/call")
     print("ready", flush=True)
     while True:
@@ -104,7 +104,7 @@ def caller(node, space):
 
 
 def spin(node):
-    """Until a line comes."""
+    """Run the executor in a thread until a line arrives on the standard input."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 

@@ -1,6 +1,6 @@
-"""A ROS 2 node that does what lines of JSON on its standard input tell it, for tests; knows nothing of shmgen.
+"""A ROS 2 node for tests, without code of shmgen. It executes commands: lines of JSON on its standard input.
 
-Values are plain: lists, dictionaries by field, numbers, text; an octet is a number.
+Values are lists, dictionaries by field, numbers and text; an octet is a number.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, Si
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 publishers, subscriptions, clients, goals, received = {}, {}, {}, {}, {}
-ended = []
+canceled_at = []
 news = threading.Condition()
 
 
@@ -45,12 +45,12 @@ def main():
     os._exit(0)
 
 
-def kind_of(name):
+def interface_class(name):
     package, kind, short = name.split("/")
     return getattr(import_module(f"{package}.{kind}"), short)
 
 
-def quality(reliable=True, latch=False, depth=1000):
+def qos_profile(reliable=True, latch=False, depth=1000):
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -60,7 +60,7 @@ def quality(reliable=True, latch=False, depth=1000):
 
 
 def advertise(topic, type, **qos):
-    publishers[topic] = node.create_publisher(kind_of(type), topic, quality(**qos))
+    publishers[topic] = node.create_publisher(interface_class(type), topic, qos_profile(**qos))
 
 
 def withdraw(topic):
@@ -68,17 +68,17 @@ def withdraw(topic):
 
 
 def connected(topic):
-    """Waits for a subscriber."""
+    """Wait up to 20 s for a subscriber, and return the number of subscribers."""
     deadline = time.monotonic() + 20
     while not publishers[topic].get_subscription_count() and time.monotonic() < deadline:
         time.sleep(0.01)
-    time.sleep(0.1)  # and until it knows of us
+    time.sleep(0.1)  # until the subscriber has discovered this publisher
     return publishers[topic].get_subscription_count()
 
 
 def publish(topic, messages, period=0.0):
     for values in messages:
-        publishers[topic].publish(made(publishers[topic].msg_type, values))
+        publishers[topic].publish(build_message(publishers[topic].msg_type, values))
         time.sleep(period)
 
 
@@ -88,17 +88,17 @@ def publish_raw(topic, messages):
 
 
 def subscribe(topic, type, **qos):
-    def take(message):
+    def append(message):
         with news:
-            received[topic].append(plain(message))
+            received[topic].append(to_plain(message))
             news.notify_all()
 
     received[topic] = []
-    subscriptions[topic] = node.create_subscription(kind_of(type), topic, take, quality(**qos))
+    subscriptions[topic] = node.create_subscription(interface_class(type), topic, append, qos_profile(**qos))
 
 
-def heard(topic):
-    """Waits for a publisher."""
+def wait_for_publisher(topic):
+    """Wait up to 20 s for a publisher, and return the number of publishers."""
     deadline = time.monotonic() + 20
     while not node.count_publishers(topic) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -106,63 +106,63 @@ def heard(topic):
 
 
 def take(topic, count, timeout=20.0):
-    """So many of the messages that have come and were not taken yet; fewer if they do not come in time."""
+    """Remove and return the oldest `count` received messages, or fewer after `timeout` seconds."""
     with news:
         news.wait_for(lambda: len(received[topic]) >= count, timeout)
-        taken, received[topic][:count] = received[topic][:count], []
-        return taken
+        messages, received[topic][:count] = received[topic][:count], []
+        return messages
 
 
 def serve(service, type, answers, delay=0.0):
-    """Each call gets the next of `answers`."""
+    """Answer each call with the next of `answers`."""
 
     def handle(request, response):
         time.sleep(delay)
-        return made(kind.Response, answers.pop(0) if answers else {})
+        return build_message(kind.Response, answers.pop(0) if answers else {})
 
-    kind = kind_of(type)
+    kind = interface_class(type)
     clients[f"server of {service}"] = node.create_service(kind, service, handle)
 
 
 def call(service, type, request, timeout=10.0):
-    """The response, or why there is none."""
-    kind = kind_of(type)
+    """Call the service and return the response, or the reason why there is none."""
+    kind = interface_class(type)
     client = clients.setdefault(service, None) or node.create_client(kind, service)
     clients[service] = client
     if not client.wait_for_service(timeout_sec=timeout):
         return "no server"
     done = threading.Event()
-    future = client.call_async(made(kind.Request, request))
+    future = client.call_async(build_message(kind.Request, request))
     future.add_done_callback(lambda future: done.set())
     if not done.wait(timeout):
         client.remove_pending_request(future)
         return "no answer"
-    return plain(future.result())
+    return to_plain(future.result())
 
 
 def act(action, type, period=0.02):
-    """Serves a Fibonacci: an order below 0 is rejected, one of 13 aborted, the rest counted up to.
+    """Serve a Fibonacci: the result is all numbers below the order. Reject an order below 0, and abort an order of 13.
 
     The feedback is the last eight numbers.
     """
 
     def execute(goal):
-        so_far, feedback = [], kind.Feedback()
+        numbers, feedback = [], kind.Feedback()
         for number in range(goal.request.order):
             if goal.is_cancel_requested:
                 goal.canceled()
-                ended.append(number)
-                return made(kind.Result, {"sequence": [-number]})
-            so_far.append(number)
-            feedback.sequence = so_far[-8:]
+                canceled_at.append(number)
+                return build_message(kind.Result, {"sequence": [-number]})
+            numbers.append(number)
+            feedback.sequence = numbers[-8:]
             goal.publish_feedback(feedback)
             time.sleep(period)
         goal.abort() if goal.request.order == 13 else goal.succeed()
-        return made(kind.Result, {"sequence": so_far})
+        return build_message(kind.Result, {"sequence": numbers})
 
-    kind = kind_of(type)
+    kind = interface_class(type)
     clients[f"server of {action}"] = ActionServer(
-        actor(),
+        reentrant_node(),
         kind,
         action,
         execute,
@@ -173,45 +173,45 @@ def act(action, type, period=0.02):
 
 
 def seek(action, type, goal, timeout=10.0):
-    """Sends a goal; whether it was accepted."""
-    kind = kind_of(type)
-    client = clients.setdefault(action, None) or ActionClient(actor(), kind, action)
+    """Send a goal, and return True if it was accepted."""
+    kind = interface_class(type)
+    client = clients.setdefault(action, None) or ActionClient(reentrant_node(), kind, action)
     clients[action] = client
     if not client.wait_for_server(timeout_sec=timeout):
         return "no server"
     received[action] = []
-    heard = received[action].append
+    append = received[action].append
     future = client.send_goal_async(
-        made(kind.Goal, goal), feedback_callback=lambda message: heard(plain(message.feedback))
+        build_message(kind.Goal, goal), feedback_callback=lambda message: append(to_plain(message.feedback))
     )
-    goals[action] = done(future, timeout)
+    goals[action] = wait_for_result(future, timeout)
     return bool(goals[action] and goals[action].accepted)
 
 
 def canceled():
-    """How far the goals had come that were cancelled."""
-    return ended
+    """Return the progress of each canceled goal."""
+    return canceled_at
 
 
 def cancel(action, timeout=10.0):
-    """How many goals are to be cancelled."""
-    return len(done(goals[action].cancel_goal_async(), timeout).goals_canceling)
+    """Cancel the goal, and return how many goals the server cancels."""
+    return len(wait_for_result(goals[action].cancel_goal_async(), timeout).goals_canceling)
 
 
 def outcome(action, timeout=20.0):
-    """Status, result, and all feedback."""
-    found = done(goals[action].get_result_async(), timeout)
-    return found and [found.status, plain(found.result), received[action]]
+    """Return the status, the result and all feedback."""
+    reply = wait_for_result(goals[action].get_result_async(), timeout)
+    return reply and [reply.status, to_plain(reply.result), received[action]]
 
 
-def done(future, timeout):
+def wait_for_result(future, timeout):
     event = threading.Event()
     future.add_done_callback(lambda future: event.set())
     return future.result() if event.wait(timeout) else None
 
 
-def actor():
-    """A node whose callbacks may wait for one another."""
+def reentrant_node():
+    """Return a node whose callbacks may wait for one another."""
     if "actor" not in clients:
         clients["actor"] = rclpy.create_node(f"actor_{os.getpid()}")
         executor = MultiThreadedExecutor(4)
@@ -225,34 +225,34 @@ def graph(topic):
     return [{"node": info.node_name, "hash": str(info.topic_type_hash)} for info in infos]
 
 
-def made(kind, values):
+def build_message(kind, values):
     message = kind()
     for name, value in values.items():
-        setattr(message, name, filled(getattr(message, name), kind.get_fields_and_field_types()[name], value))
+        setattr(message, name, convert(getattr(message, name), kind.get_fields_and_field_types()[name], value))
     return message
 
 
-def filled(there, type_, value):
+def convert(current, type_, value):
     if type_.startswith("sequence<"):
         element = type_[len("sequence<") :].rstrip(">").split(",")[0]
-        return [filled(None, element, item) for item in value]
+        return [convert(None, element, item) for item in value]
     if type_.endswith("]"):
-        return [filled(None, type_.partition("[")[0], item) for item in value]
+        return [convert(None, type_.partition("[")[0], item) for item in value]
     if type_ == "octet":
         return bytes([value])
     if "/" in type_:
         package, name = type_.split("/")
-        return made(getattr(import_module(f"{package}.msg"), name), value)
+        return build_message(getattr(import_module(f"{package}.msg"), name), value)
     return value
 
 
-def plain(value):
+def to_plain(value):
     if isinstance(value, bytes):
         return value[0]
     if isinstance(value, (list, tuple, array.array, numpy.ndarray)):
-        return [plain(item) for item in value]
+        return [to_plain(item) for item in value]
     if hasattr(value, "get_fields_and_field_types"):
-        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+        return {name: to_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     return value.item() if isinstance(value, numpy.generic) else value
 
 

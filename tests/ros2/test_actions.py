@@ -1,4 +1,4 @@
-"""Actions through `shmgen bridge`, between real rclpy nodes and a PLC that Python plays, both ways."""
+"""Test actions through `shmgen bridge` between rclpy nodes and a PLC that Python replaces, both ways."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..conftest import REPOSITORY
 from ..support.dds import without_fast_dds
 from ..support.ros1 import PROMPTLY, Bridge
 from ..support.ros2 import Graph, Peer
-from .test_bridge import WAYS, all_ways, session
+from .test_bridge import BACKENDS, all_backends, session
 
 SUCCEEDED, CANCELED, ABORTED, REJECTED = 4, 5, 6, -1
 FIBONACCI = "test_msgs/action/Fibonacci"
@@ -42,7 +42,7 @@ timeout = 6.0
 
 
 class Cell:
-    """The bridge, a peer, and the PLC's ends of the actions."""
+    """The bridge, a peer, and the PLC's server and client."""
 
     def __init__(self, graph: Graph, space: str) -> None:
         self.graph = graph
@@ -54,8 +54,8 @@ class Cell:
             self.routes: dict[str, CallRoute] = {route.entry.name: route for route in actions(session(graph))}
         self.peer: Peer = graph.peer()
 
-    def seek(self, order: int) -> Any:
-        """Whether ROS's goal was accepted."""
+    def send_goal(self, order: int) -> Any:
+        """Send a goal from ROS, and return True if it was accepted."""
         return self.peer.ask(do="seek", action=self.reach, type=FIBONACCI, goal={"order": order})
 
     def outcome(self) -> Any:
@@ -63,13 +63,13 @@ class Cell:
 
     @contextmanager
     def plc(self, handler: Callable[[ServedGoal[Any]], None]) -> Iterator[None]:
-        """A PLC that serves the one."""
-        made = action_server(self.routes[self.reach].kinds)
-        ended = threading.Event()
+        """Run a PLC that serves the action `reach`."""
+        server_class = action_server(self.routes[self.reach].kinds)
+        stop = threading.Event()
 
         def run() -> None:
-            with made(self.reach) as served:
-                while not ended.is_set():
+            with server_class(self.reach) as served:
+                while not stop.is_set():
                     if goal := served.wait(0.05):
                         handler(goal)
 
@@ -78,18 +78,18 @@ class Cell:
         try:
             yield
         finally:
-            ended.set()
+            stop.set()
             thread.join(5)
 
     def client(self) -> Any:
-        """A PLC that seeks the other."""
+        """Return a PLC client of the action that ROS serves."""
         return action_client(self.routes[self.of_ros].kinds)(self.of_ros)
 
 
-def wait(condition: Any, what: str) -> None:
+def wait_until(condition: Any, event: str) -> None:
     deadline = time.monotonic() + LIMIT
     while not condition():
-        assert time.monotonic() < deadline, f"{what} did not come"
+        assert time.monotonic() < deadline, f"{event} did not come"
         time.sleep(0.002)
 
 
@@ -97,8 +97,8 @@ def sequence(*numbers: int) -> Any:
     return SimpleNamespace(sequence=list(numbers))
 
 
-def count_up(goal: ServedGoal[Any]) -> None:
-    """What the peer does as well."""
+def execute_goal(goal: ServedGoal[Any]) -> None:
+    """Execute a goal like tests/ros2/peer.py."""
     order = goal.request.order
     if order < 0:
         goal.reject()
@@ -119,53 +119,53 @@ def cell(graph: Graph, space: str) -> Cell:
     return Cell(graph, space)
 
 
-some_ways = pytest.mark.parametrize(
+most_backends = pytest.mark.parametrize(
     "graph",
-    [*WAYS[:3], pytest.param(WAYS[3], marks=pytest.mark.slow)],
+    [*BACKENDS[:3], pytest.param(BACKENDS[3], marks=pytest.mark.slow)],
     indirect=True,
-    ids=["-".join(way) for way in WAYS],
+    ids=["-".join(backend) for backend in BACKENDS],
 )
 
 
-@all_ways
-def test_ros_seeks_and_the_plc_acts(cell: Cell) -> None:
-    with cell.plc(count_up):
-        assert cell.seek(5) is True
+@all_backends
+def test_plc_serves_goals_of_a_ros_client(cell: Cell) -> None:
+    with cell.plc(execute_goal):
+        assert cell.send_goal(5) is True
         status, result, feedback = cell.outcome()
         assert (status, result) == (SUCCEEDED, {"sequence": [0, 1, 2, 3, 4]})
         assert feedback[-1] == {"sequence": [0, 1, 2, 3, 4]}
-        assert cell.seek(-1) is False
-        assert cell.seek(13) is True
+        assert cell.send_goal(-1) is False
+        assert cell.send_goal(13) is True
         status, result, feedback = cell.outcome()
         assert (status, result) == (ABORTED, {"sequence": list(range(8))})
         assert 8 <= len(feedback) <= 13
-        assert cell.seek(10**6) is True
+        assert cell.send_goal(10**6) is True
         assert cell.peer.ask(do="cancel", action=cell.reach) == 1
         status, result, _ = cell.outcome()
         assert status == CANCELED
         assert result["sequence"][0] <= 0
 
-        # A newer goal ends the one before.
-        assert cell.seek(10**6) is True
+        # A newer goal aborts the previous goal.
+        assert cell.send_goal(10**6) is True
         other = cell.graph.peer()
         assert other.ask(do="seek", action=cell.reach, type=FIBONACCI, goal={"order": 3}) is True
         assert cell.outcome()[0] == ABORTED
         assert other.ask(do="outcome", action=cell.reach)[:2] == [SUCCEEDED, {"sequence": [0, 1, 2]}]
 
-        # The bridge ends, and with it the goal.
-        assert cell.seek(10**6) is True
-        ends: list[Any] = []
-        waiting = threading.Thread(target=lambda: ends.append(cell.outcome()[0]))
-        waiting.start()
-        time.sleep(0.3)  # its question is on the way
+        # The stop of the bridge aborts the goal.
+        assert cell.send_goal(10**6) is True
+        statuses: list[Any] = []
+        thread = threading.Thread(target=lambda: statuses.append(cell.outcome()[0]))
+        thread.start()
+        time.sleep(0.3)  # until the request for the result has been sent
         assert cell.bridge.stop(signal.SIGTERM) < PROMPTLY
-        waiting.join()
-        assert ends == [ABORTED]
+        thread.join()
+        assert statuses == [ABORTED]
     cell.bridge.wait_for_line("/reach +4 passed, 3 failed$")
     assert not [line for line in cell.bridge.lines if "Traceback" in line or "Error" in line]
 
 
-TAKES_ONE = """
+SERVER_PROGRAM = """
 import sys, time
 from shmgen.bridge.plan import actions
 from shmgen.config import load
@@ -181,22 +181,22 @@ with action_server(route.kinds)(route.entry.name) as served:
 """
 
 
-@some_ways
-def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
-    assert cell.seek(5) is False
+@most_backends
+def test_goal_fails_if_the_plc_is_off_silent_or_killed(cell: Cell) -> None:
+    assert cell.send_goal(5) is False
     cell.bridge.wait_for_line("no server within 1 s; the request was not sent")
-    seen: list[ServedGoal[Any]] = []
+    received: list[ServedGoal[Any]] = []
 
-    def say_nothing(goal: ServedGoal[Any]) -> None:
-        seen.append(goal)
-        wait(lambda: goal.is_cancel_requested, "its cancel")
+    def ignore_goal(goal: ServedGoal[Any]) -> None:
+        received.append(goal)
+        wait_until(lambda: goal.is_cancel_requested, "its cancel")
 
-    with cell.plc(say_nothing):
-        assert cell.seek(5) is False
-        wait(lambda: seen, "the goal")
-    plc = cell.graph.start([cell.graph.python, "-c", TAKES_ONE], {"PYTHONPATH": str(REPOSITORY / "src")})
+    with cell.plc(ignore_goal):
+        assert cell.send_goal(5) is False
+        wait_until(lambda: received, "the goal")
+    plc = cell.graph.start([cell.graph.python, "-c", SERVER_PROGRAM], {"PYTHONPATH": str(REPOSITORY / "src")})
     assert plc.stdout.readline() == "serves\n"
-    assert cell.seek(5) is True
+    assert cell.send_goal(5) is True
     assert plc.stdout.readline() == "taken\n"
     plc.kill()
     assert cell.outcome()[0] == ABORTED
@@ -204,11 +204,11 @@ def test_a_plc_that_is_not_there_says_nothing_or_is_killed(cell: Cell) -> None:
     cell.bridge.wait_for_line("/reach +0 passed, 3 failed$")
 
 
-@some_ways
-def test_what_a_killed_bridge_or_plc_leaves_is_cancelled(cell: Cell) -> None:
-    """By the next bridge, which knows nothing of the goal; and a goal of ROS whose PLC is gone, by this one."""
-    with cell.plc(count_up):
-        assert cell.seek(10**6) is True
+@most_backends
+def test_goals_of_a_killed_bridge_or_plc_are_canceled(cell: Cell) -> None:
+    """Cancel the goal of a killed bridge in the next bridge, and cancel a goal in ROS whose PLC client has closed."""
+    with cell.plc(execute_goal):
+        assert cell.send_goal(10**6) is True
         cell.bridge.kill()
         kinds = cell.routes[cell.reach].kinds
         with (
@@ -222,41 +222,41 @@ def test_what_a_killed_bridge_or_plc_leaves_is_cancelled(cell: Cell) -> None:
     cell.peer.ask(do="act", action=cell.of_ros, type=FIBONACCI)
     with cell.client() as plc:
         plc.send_goal(SimpleNamespace(order=10**6), 5)
-        wait(plc.feedback, "feedback")
-    wait(lambda: cell.peer.ask(do="canceled"), "the end of ROS's goal")
+        wait_until(plc.feedback, "feedback")
+    wait_until(lambda: cell.peer.ask(do="canceled"), "the end of ROS's goal")
 
 
-@all_ways
-def test_the_plc_seeks_and_ros_acts(cell: Cell) -> None:
+@all_backends
+def test_ros_serves_goals_of_a_plc_client(cell: Cell) -> None:
     with cell.client() as plc:
         plc.send_goal(SimpleNamespace(order=5), 5)
-        assert plc.result(LIMIT).status == ABORTED  # there is no server
+        assert plc.result(LIMIT).status == ABORTED  # ROS has no server yet
         cell.bridge.wait_for_line("no server within 6 s")
         cell.peer.ask(do="act", action=cell.of_ros, type=FIBONACCI)
         plc.send_goal(SimpleNamespace(order=5), 5)
-        seen = []
+        received = []
         while (outcome := plc.poll()) is None:
             if feedback := plc.feedback():
-                seen.append(list(feedback.sequence))
+                received.append(list(feedback.sequence))
             time.sleep(0.001)
         assert (outcome.status, list(outcome.result.sequence)) == (SUCCEEDED, [0, 1, 2, 3, 4])
-        assert seen
-        assert all(numbers == list(range(len(numbers))) for numbers in seen)  # of a region there is the newest only
-        for order, status in ((-1, REJECTED), (13, ABORTED), (20, ABORTED)):  # 20 do not fit
+        assert received
+        assert all(numbers == list(range(len(numbers))) for numbers in received)  # older feedback is overwritten
+        for order, status in ((-1, REJECTED), (13, ABORTED), (20, ABORTED)):  # 20 exceeds the bound
             plc.send_goal(SimpleNamespace(order=order), 5)
             assert plc.result(LIMIT).status == status, order
         plc.send_goal(SimpleNamespace(order=10**6), 5)
-        wait(plc.feedback, "feedback")
+        wait_until(plc.feedback, "feedback")
         plc.cancel()
         outcome = plc.result(LIMIT)
         assert outcome.status == CANCELED
         assert outcome.result.sequence[0] <= 0
         plc.send_goal(SimpleNamespace(order=10**6), 5)
-        wait(lambda: plc.status, "its begin")
+        wait_until(lambda: plc.status, "its begin")
         plc.send_goal(SimpleNamespace(order=2), 5)
         assert list(plc.result(LIMIT).result.sequence) == [0, 1]
         plc.send_goal(SimpleNamespace(order=10**6), 5)
-        wait(lambda: plc.status, "its begin")
+        wait_until(lambda: plc.status, "its begin")
         assert cell.bridge.stop(signal.SIGTERM) < PROMPTLY
         assert plc.result(LIMIT).status == ABORTED
     assert not [line for line in cell.bridge.lines if "Traceback" in line or "Error" in line]
@@ -268,16 +268,16 @@ PROFILE = """<?xml version="1.0"?><profiles xmlns="http://www.eprosima.com/XMLSc
 </discovery_config></builtin></rtps></participant></profiles>"""
 
 
-@some_ways
-def test_a_killed_server_of_ros_ends_in_an_aborted_goal(cell: Cell, tmp_path: Path) -> None:
-    """As soon as DDS takes it for gone: 2 s here, 20 s as Fast DDS has it."""
+@most_backends
+def test_goal_is_aborted_if_its_ros_server_is_killed(cell: Cell, tmp_path: Path) -> None:
+    """End the goal when the DDS lease of the server ends: after 2 s in this test, after 20 s by Fast DDS's default."""
     (tmp_path / "short.xml").write_text(PROFILE)
     names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
     server = cell.graph.peer(dict.fromkeys(names, str(tmp_path / "short.xml")))
     server.ask(do="act", action=cell.of_ros, type=FIBONACCI)
     with cell.client() as plc:
         plc.send_goal(SimpleNamespace(order=10**6), 5)
-        wait(plc.feedback, "feedback")
+        wait_until(plc.feedback, "feedback")
         server.process.kill()
         assert plc.result(LIMIT).status == ABORTED
     cell.bridge.wait_for_line("/of/ros: goal aborted: the server has left")

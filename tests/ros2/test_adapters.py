@@ -1,4 +1,4 @@
-"""The TypeAdapters of `-t cpp_ros2` in nodes of rclcpp itself, with intra-process communication and without."""
+"""Test the TypeAdapters of `-t cpp_ros2` in rclcpp nodes, with and without intra-process communication."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ install(TARGETS adapters DESTINATION bin)
 
 
 @pytest.mark.slow
-def test_nodes_exchange_our_messages_and_no_misfit_ends_them(tmp_path: Path, topic: str, domain: int) -> None:
+def test_adapters_convert_messages_and_survive_misfits(tmp_path: Path, topic: str, domain: int) -> None:
     ros = rclcpp.environment()
     put({"CMakeLists.txt": CMAKE, "shmgen.toml": CONFIG}, tmp_path)
     program = rclcpp.built(tmp_path, tmp_path, ros) / "bin" / "adapters"
@@ -47,5 +47,5 @@ def test_nodes_exchange_our_messages_and_no_misfit_ends_them(tmp_path: Path, top
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
-    done = subprocess.run([program], env=settings, capture_output=True, text=True, timeout=300, check=False)
-    assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
+    result = subprocess.run([program], env=settings, capture_output=True, text=True, timeout=300, check=False)
+    assert (result.returncode, result.stdout) == (0, ""), result.stdout + result.stderr

@@ -1,4 +1,4 @@
-"""`shmgen bridge` between real rclpy nodes and regions, one process each, by way of rclpy and of Cyclone."""
+"""Test `shmgen bridge` between rclpy nodes and regions in separate processes, with the backends ros2 and dds."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from ..support.ros1 import PROMPTLY, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
 
-WAYS = [(distribution, backend) for distribution in ("jazzy", "kilted") for backend in ("ros2", "dds")]
-all_ways = pytest.mark.parametrize("graph", WAYS, indirect=True, ids="-".join)
-by_rclpy = pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")], indirect=True, ids="-".join)
+BACKENDS = [(distribution, backend) for distribution in ("jazzy", "kilted") for backend in ("ros2", "dds")]
+all_backends = pytest.mark.parametrize("graph", BACKENDS, indirect=True, ids="-".join)
+rclpy_only = pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")], indirect=True, ids="-".join)
 
 SET_BOOL = """
 [[services]]
@@ -43,20 +43,20 @@ def topic(name: str, type_: str, *keys: str) -> str:
 
 
 def session(graph: Graph) -> Session:
-    """Of the shmgen.toml that the bridge runs with."""
+    """Return a session for the bridge's shmgen.toml."""
     return Session(load(graph.folder / "shmgen.toml", "shmgen.toml", Report()))
 
 
 @contextmanager
 def plc_server(graph: Graph, name: str, handler: Callable[[Any], Any]) -> Iterator[None]:
-    """A PLC that serves std_srvs/SetBool."""
+    """Serve std_srvs/SetBool in a thread, as a PLC does."""
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    made = server(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
-    ended = threading.Event()
+    server_class = server(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    stop = threading.Event()
 
     def run() -> None:
-        with made(name) as served:
-            while not ended.is_set():
+        with server_class(name) as served:
+            while not stop.is_set():
                 served.serve(handler, timeout=0.05)
 
     thread = threading.Thread(target=run)
@@ -64,33 +64,33 @@ def plc_server(graph: Graph, name: str, handler: Callable[[Any], Any]) -> Iterat
     try:
         yield
     finally:
-        ended.set()
+        stop.set()
         thread.join()
 
 
 @pytest.mark.slow
-@all_ways
-def test_every_message_there_and_back(graph: Graph, space: str) -> None:
-    """rclpy, the bridge, a region, the bridge, rclpy: unchanged, field by field."""
+@all_backends
+def test_every_message_type_passes_both_ways_unchanged(graph: Graph, space: str) -> None:
+    """Pass each type from rclpy to a region and back, and compare all fields."""
     source = graph.source
     config = 'source = "env"\n[types]\ntime = "struct"\n[strings]\ndefault = 40\n'
     (graph.folder / "shmgen.toml").write_text(config)
-    names = [name for name in installed(graph) if graph.backend == "ros2" or crosses_dds(graph, name)]
+    names = [name for name in message_types(graph) if graph.backend == "ros2" or is_dds_type(graph, name)]
     assert len(names) > 120, source
     config += "[bounds]\n" + "".join(f"{package} = 3\n" for package in sorted({name.split("/")[0] for name in names}))
-    ends = list(enumerate(names))
-    config += "".join(topic(f"{space}/there{number}", name) for number, name in ends)
-    config += "".join(topic(f"{space}/back{number}", name, 'direction = "from_plc"') for number, name in ends)
+    pairs = list(enumerate(names))
+    config += "".join(topic(f"{space}/there{number}", name) for number, name in pairs)
+    config += "".join(topic(f"{space}/back{number}", name, 'direction = "from_plc"') for number, name in pairs)
     bridge = graph.bridge(config)
     peer = graph.peer()
-    with monkeypatched(graph):
-        made = session(graph)
-        layouts, kinds = made.layouts(names), made.classes(names)
-    for number, name in ends:
+    with ros_environment(graph):
+        schema_session = session(graph)
+        layouts, kinds = schema_session.layouts(names), schema_session.classes(names)
+    for number, name in pairs:
         peer.ask(do="advertise", topic=f"{space}/there{number}", type=name)
         peer.ask(do="subscribe", topic=f"{space}/back{number}", type=name)
     wrong = []
-    for number, name in ends:
+    for number, name in pairs:
         assert peer.ask(do="connected", topic=f"{space}/there{number}") == 1, name
         layout = next(layout for layout in layouts.values() if str(layout.name) == name)
         sent = [plain(random_message(layout, layouts, random.Random(f"{name}{seed}"))) for seed in range(2)]
@@ -109,31 +109,31 @@ def test_every_message_there_and_back(graph: Graph, space: str) -> None:
     bridge.stop(signal.SIGTERM)
 
 
-def crosses_dds(graph: Graph, name: str) -> bool:
-    """Not a wstring, and no key, which an .idl of Kilted may have: DDS takes that for another kind of topic."""
+def is_dds_type(graph: Graph, name: str) -> bool:
+    """Return False for a type with wstrings, or with a key in its .idl: DDS treats keyed topics as another kind."""
     package, kind, bare = name.split("/")
     definition = graph.prefix / "share" / package / kind / f"{bare}.idl"
     return bare != "WStrings" and "@key" not in definition.read_text()
 
 
-def installed(graph: Graph) -> list[str]:
-    """All messages that a topic may have, of the packages that users know."""
-    found = graph.prefix.glob("share/*/msg/*.json")
-    return sorted(f"{file.parts[-3]}/msg/{file.stem}" for file in found if file.parts[-3] != "builtin_interfaces")
+def message_types(graph: Graph) -> list[str]:
+    """Return all message types of the installed packages that a topic may have."""
+    files = graph.prefix.glob("share/*/msg/*.json")
+    return sorted(f"{file.parts[-3]}/msg/{file.stem}" for file in files if file.parts[-3] != "builtin_interfaces")
 
 
 @contextmanager
-def monkeypatched(graph: Graph) -> Iterator[None]:
-    """This process as one in which that ROS is sourced."""
+def ros_environment(graph: Graph) -> Iterator[None]:
+    """Set the environment of this process as if the graph's ROS were sourced."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("AMENT_PREFIX_PATH", str(graph.prefix))
         patch.setenv("ROS_VERSION", "2")
         yield
 
 
-@all_ways
-def test_services_both_ways_while_a_topic_flows(graph: Graph, space: str) -> None:
-    """A call that waits for the PLC holds up no message, and no other call."""
+@all_backends
+def test_waiting_call_blocks_no_topic_and_no_other_call(graph: Graph, space: str) -> None:
+    """Pass messages and another call while a call waits for the PLC."""
     if graph.backend == "dds":
         without_fast_dds()
     bridge = graph.bridge(
@@ -153,27 +153,27 @@ def test_services_both_ways_while_a_topic_flows(graph: Graph, space: str) -> Non
         return SimpleNamespace(success=request.data, message="of the PLC")
 
     kinds = session(graph).classes(["std_srvs/SetBool", "geometry_msgs/Pose"])
-    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
     with (
         plc_server(graph, f"{space}/flag", handler),
-        calling(f"{space}/of/flag") as plc,
+        set_bool_client(f"{space}/of/flag") as plc,
         subscriber(kinds["geometry_msgs/msg/Pose"], f"{space}/pose", 50) as reader,
     ):
         answers: list[Any] = []
-        asked: dict[str, Any] = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool"}
-        asked |= {"request": {"data": True}, "timeout": 30}
-        waiting = threading.Thread(target=lambda: answers.append(other.ask(**asked)))
-        waiting.start()
+        query: dict[str, Any] = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool"}
+        query |= {"request": {"data": True}, "timeout": 30}
+        thread = threading.Thread(target=lambda: answers.append(other.ask(**query)))
+        thread.start()
         time.sleep(0.5)
-        begun = time.monotonic()
+        started_at = time.monotonic()
         for number in range(10):
             peer.ask(do="publish", topic=f"{space}/pose", messages=[{"position": {"x": float(number)}}])
             assert reader.wait(5).position.x == number
         assert plc.call(SimpleNamespace(data=True), 10).message == "of ROS"
-        assert time.monotonic() - begun < 10
+        assert time.monotonic() - started_at < 10
         assert answers == []
         go.set()
-        waiting.join()
+        thread.join()
     assert answers == [{"success": True, "message": "of the PLC"}]
     assert bridge.stop(signal.SIGTERM) < PROMPTLY
     assert not [line for line in bridge.lines if "Error" in line or "never retrieved" in line]
@@ -186,8 +186,8 @@ def call(plc: Any) -> str:
         return str(error)
 
 
-@all_ways
-def test_the_end_comes_in_the_middle_of_calls(graph: Graph, space: str) -> None:
+@all_backends
+def test_bridge_stops_promptly_during_calls(graph: Graph, space: str) -> None:
     if graph.backend == "dds":
         without_fast_dds()
     bridge = graph.bridge(
@@ -198,30 +198,30 @@ def test_the_end_comes_in_the_middle_of_calls(graph: Graph, space: str) -> None:
     peer, other = graph.peer(), graph.peer()
     other.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[], delay=20)
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
-    came = threading.Event()
-    ended = threading.Event()
+    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    request_received = threading.Event()
+    stop = threading.Event()
     outcome: list[str] = []
 
     def handler(request: Any) -> Any:
-        came.set()
-        ended.wait(20)
+        request_received.set()
+        stop.wait(20)
         return SimpleNamespace(success=True, message="")
 
-    with plc_server(graph, f"{space}/flag", handler), calling(f"{space}/of/flag") as plc:
-        asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
-        threading.Thread(target=lambda: peer.ask(**asked), daemon=True).start()
+    with plc_server(graph, f"{space}/flag", handler), set_bool_client(f"{space}/of/flag") as plc:
+        query = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
+        threading.Thread(target=lambda: peer.ask(**query), daemon=True).start()
         threading.Thread(target=lambda: outcome.append(call(plc)), daemon=True).start()
-        assert came.wait(20)
+        assert request_received.wait(20)
         time.sleep(0.3)
-        took = bridge.stop(signal.SIGTERM)
-        ended.set()
-    assert took < PROMPTLY
+        duration = bridge.stop(signal.SIGTERM)
+        stop.set()
+    assert duration < PROMPTLY
     assert not [line for line in bridge.lines if "rror" in line or "never retrieved" in line or "Traceback" in line]
 
 
-@all_ways
-def test_who_comes_late_hears_the_newest(graph: Graph, space: str) -> None:
+@all_backends
+def test_late_subscriber_receives_the_newest_message(graph: Graph, space: str) -> None:
     name = f"{space}/state"
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
@@ -241,8 +241,8 @@ def test_who_comes_late_hears_the_newest(graph: Graph, space: str) -> None:
     bridge.wait_for_line(f"{name} +50 passed$")
 
 
-@all_ways
-def test_what_is_no_message_is_counted(graph: Graph, space: str) -> None:
+@all_backends
+def test_invalid_message_is_counted_as_rejected(graph: Graph, space: str) -> None:
     name = f"{space}/word"
     bridge = graph.bridge(f'source = "{graph.source}"\n' + topic(name, "std_msgs/String"))
     peer = graph.peer()
@@ -255,8 +255,8 @@ def test_what_is_no_message_is_counted(graph: Graph, space: str) -> None:
     bridge.wait_for_line("utf-8")
 
 
-@by_rclpy
-def test_what_is_overwritten_before_it_is_taken_is_counted(graph: Graph, space: str) -> None:
+@rclpy_only
+def test_overwritten_messages_are_counted_as_lost(graph: Graph, space: str) -> None:
     name = f"{space}/fast"
     bridge = graph.bridge(f'source = "{graph.source}"\n' + topic(name, "std_msgs/Int32"))
     peer = graph.peer()
@@ -278,8 +278,8 @@ def test_what_is_overwritten_before_it_is_taken_is_counted(graph: Graph, space: 
     assert lost > 0
 
 
-@by_rclpy
-def test_arguments_of_ros(graph: Graph, space: str) -> None:
+@rclpy_only
+def test_bridge_follows_arguments_of_ros(graph: Graph, space: str) -> None:
     config = f'source = "{graph.source}"\n' + topic(f"{space}/word", "std_msgs/String")
     bridge = graph.bridge(
         config, "--ros-args", "-r", "__node:=cell_4", "-r", f"{space}/word:={space}/other", "-p", "use_sim_time:=true"
@@ -288,19 +288,19 @@ def test_arguments_of_ros(graph: Graph, space: str) -> None:
     peer.ask(do="advertise", topic=f"{space}/other", type="std_msgs/msg/String")
     assert peer.ask(do="connected", topic=f"{space}/other") == 1
     peer.ask(do="publish", topic=f"{space}/other", messages=[{"data": "a"}])
-    assert peer.ask(do="heard", topic="/diagnostics") >= 1
-    # What the graph calls a node comes later than the node.
-    wait_for(lambda: "cell_4" in [one["node"] for one in peer.ask(do="graph", topic="/diagnostics")], "the name")
+    assert peer.ask(do="wait_for_publisher", topic="/diagnostics") >= 1
+    # The graph reports the name of a node later than the node.
+    wait_for(lambda: "cell_4" in [info["node"] for info in peer.ask(do="graph", topic="/diagnostics")], "the name")
     bridge.counted(" 1 passed")
     bridge.stop(signal.SIGINT)
-    wrong = graph.bridge("", "--ros-args", "--no-such-thing", ready=False)
-    assert wrong.process.wait(30) == 1
-    wrong.wait_for_line("ros2: .*no-such-thing")
-    assert "SHM901" not in "".join(wrong.lines)
+    refused = graph.bridge("", "--ros-args", "--no-such-thing", ready=False)
+    assert refused.process.wait(30) == 1
+    refused.wait_for_line("ros2: .*no-such-thing")
+    assert "SHM901" not in "".join(refused.lines)
 
 
-@by_rclpy
-def test_a_definition_that_this_ros_has_otherwise(graph: Graph, space: str) -> None:
+@rclpy_only
+def test_another_definition_in_ros_ends_the_bridge(graph: Graph, space: str) -> None:
     file = graph.folder / "msgs" / "std_msgs" / "msg" / "Int32.msg"
     file.parent.mkdir(parents=True)
     file.write_text("float32 data\n")
@@ -309,8 +309,8 @@ def test_a_definition_that_this_ros_has_otherwise(graph: Graph, space: str) -> N
     bridge.wait_for_line("std_msgs/msg/Int32 of this ROS has int32 data, and not float data")
 
 
-@by_rclpy
-def test_diagnostics(graph: Graph, space: str) -> None:
+@rclpy_only
+def test_diagnostics_are_published(graph: Graph, space: str) -> None:
     graph.bridge(f'source = "{graph.source}"\n[bridge]\ndiagnostics = 0.2\n' + topic(f"{space}/x", "std_msgs/Int32"))
     peer = graph.peer()
     peer.ask(do="subscribe", topic="/diagnostics", type="diagnostic_msgs/msg/DiagnosticArray")

@@ -1,4 +1,4 @@
-"""colcon of PyPI builds what `-t ros2` writes and the recipe of docs/drift.md; the bridge runs from that workspace."""
+"""Test that PyPI's colcon builds the output of `-t ros2` and the recipe of docs/drift.md, and runs the bridge there."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ install(FILES msg/Robot.msg DESTINATION share/demo_msgs/msg)
 ament_export_dependencies(rcutils)
 ament_package()
 """
-"""Exports what rosidl's own do, but has no code made of its messages, which takes most of a minute."""
+"""A package with the exports of an interface package, but without rosidl's code, which takes most of a minute."""
 
 
 @pytest.fixture
@@ -53,22 +53,22 @@ def workspace(tmp_path: Path, space: str) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
-def test_a_workspace_is_built_and_the_bridge_runs_from_it(graph: Graph, workspace: Path) -> None:
+def test_workspace_is_built_and_runs_the_bridge(graph: Graph, workspace: Path) -> None:
     tools = graph.prefix / "bin"
     if not (tools / "colcon").exists() or not (graph.prefix / "share" / "ament_cmake").is_dir():
         pytest.skip("no colcon or no ament_cmake in .venv/ros2-jazzy: `make test-all` installs them")
     paths = {"PATH": f"{tools}:/usr/bin:/bin", "CMAKE_PREFIX_PATH": str(graph.prefix), "ROS_DISTRO": "jazzy"}
     build = graph.start([tools / "colcon", "build"], paths, stderr=subprocess.STDOUT)
-    said = build.stdout.read()
-    assert build.wait() == 0, said
-    assert "CMake Warning" not in said
+    output = build.stdout.read()
+    assert build.wait() == 0, output
+    assert "CMake Warning" not in output
     installed = workspace / "install"
     for file in ("include/shm_msgs/demo_msgs/msg/robot.h", "share/demo_shm/shmgen/plcopen/shmgen.xml"):
         assert (installed / "demo_shm" / file).is_file()
 
     share = "install/cell_bridge/share/cell_bridge/config"
     command = f"install/cell_bridge/lib/cell_bridge/bridge -c {share}/shmgen.toml --backend ros2"
-    command += f" --ros-args -r __node:=cell_bridge --params-file {share}/bridge.yaml"  # as the launch file has it
+    command += f" --ros-args -r __node:=cell_bridge --params-file {share}/bridge.yaml"  # like the launch file
     shell = ["sh", "-c", f". install/local_setup.sh && exec {command}"]
     bridge = Bridge(graph.start(shell, paths, stderr=subprocess.STDOUT))
     bridge.wait_for_line("^running")

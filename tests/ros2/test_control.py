@@ -1,4 +1,4 @@
-"""The package that `-t ros2_control` writes, loaded by hardware_interface's own ResourceManager."""
+"""Test the package of `-t ros2_control`, loaded by hardware_interface's ResourceManager."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ with command as command, state as state:
 
 
 def regions(folder: str, space: str) -> tuple[Any, Any]:
-    """The PLC's ends."""
+    """Return the PLC's subscriber of commands and its publisher of states."""
     os.chdir(folder)
     kinds = Session(load(Path("shmgen.toml"), "shmgen.toml", Report())).classes(
         ["cell_msgs/Command", "cell_msgs/State"]
@@ -85,7 +85,7 @@ def regions(folder: str, space: str) -> tuple[Any, Any]:
 
 
 class Cell:
-    """The package and the loop, as CMake has installed them."""
+    """The generated package and the controller programs, built and installed by CMake."""
 
     def __init__(self, folder: Path) -> None:
         self.ros = rclcpp.environment("hardware_interface")
@@ -101,15 +101,15 @@ class Cell:
         self.processes: list[subprocess.Popen[str]] = []
 
     def urdf(self, *changes: tuple[str, str]) -> Path:
-        """A robot of six joints that includes what was generated, with some of its text changed."""
+        """Write a robot of six joints that includes the generated snippet with the given replacements."""
         robot = '<robot name="cell"><link name="l0"/>'
         for joint in range(1, 7):
             limit = '<limit lower="-1e9" upper="1e9" velocity="1" effort="1"/>'
             ends = f'<parent link="l{joint - 1}"/><child link="l{joint}"/>'
             robot += f'<link name="l{joint}"/><joint name="joint{joint}" type="revolute">{ends}{limit}</joint>'
         control = etree.tostring(self.control, encoding="unicode")
-        for pattern, by in changes:
-            control, count = re.subn(pattern, by, control, flags=re.DOTALL)
+        for pattern, replacement in changes:
+            control, count = re.subn(pattern, replacement, control, flags=re.DOTALL)
             assert count == 1, pattern
         file = self.folder / "robot.urdf"
         file.write_text(f"{robot}{control}</robot>")
@@ -134,9 +134,9 @@ class Cell:
         return process
 
     def plc(self) -> subprocess.Popen[str]:
-        """One that sends back what it is sent."""
+        """Start a PLC that sends the received values back."""
         process = self.start([sys.executable, "-c", PLC, self.folder, self.space])
-        until(process, "ready")
+        read_until(process, "ready")
         return process
 
     def kill(self) -> None:
@@ -145,13 +145,13 @@ class Cell:
             process.communicate()
         self.processes.clear()
 
-    def end(self) -> None:
+    def clean_up(self) -> None:
         self.kill()
         for file in Path("/dev/shm").glob(f"*{self.space[1:]}.*"):
             file.unlink()
 
     def commands(self) -> Any:
-        """A reader of what the controller sends."""
+        """Return a subscriber of the controller's commands."""
         kinds = Session(load(self.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["cell_msgs/Command"])
         return subscriber(kinds["cell_msgs/msg/Command"], f"{self.space}/command", 1)
 
@@ -159,8 +159,8 @@ class Cell:
         return self.start([self.programs / "loop", self.urdf(*changes), cycles, enable])
 
 
-def until(process: subprocess.Popen[str], word: str) -> list[str]:
-    """All lines to the first with that word."""
+def read_until(process: subprocess.Popen[str], word: str) -> list[str]:
+    """Return all lines up to the first line with that word."""
     assert process.stdout
     lines = []
     for line in process.stdout:
@@ -170,59 +170,59 @@ def until(process: subprocess.Popen[str], word: str) -> list[str]:
     raise AssertionError("".join(lines))
 
 
-def outcome(process: subprocess.Popen[str]) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(until(process, '{"')[-1])
-    return found
+def read_result(process: subprocess.Popen[str]) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads(read_until(process, '{"')[-1])
+    return result
 
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    made = Cell(tmp_path_factory.mktemp("cell_control"))
-    yield made
-    made.end()
+    created_cell = Cell(tmp_path_factory.mktemp("cell_control"))
+    yield created_cell
+    created_cell.clean_up()
 
 
 @pytest.fixture(autouse=True)
-def ended(cell: Cell) -> Iterator[None]:
+def remove_regions(cell: Cell) -> Iterator[None]:
     """Remove the regions after each test, so that the next test reads no samples of this test."""
     yield
-    cell.end()
+    cell.clean_up()
 
 
 SAFE = r'(<command_interface name="enable">)(.*?)(<param name="field">)', r'\1\2<param name="safe">0</param>\3'
 
 
-def test_values_go_to_the_plc_and_back(cell: Cell) -> None:
+def test_values_pass_to_the_plc_and_back(cell: Cell) -> None:
     cell.plc()
-    found = outcome(cell.controller(3000))
-    assert (found["ok"], found["failed"], found["wrong"]) == (3000, "", 0), found
-    assert found["answered"] > 2000, found
+    result = read_result(cell.controller(3000))
+    assert (result["ok"], result["failed"], result["wrong"]) == (3000, "", 0), result
+    assert result["answered"] > 2000, result
 
 
-def test_a_plc_that_is_killed_is_an_error_and_ends_in_the_safe_command(cell: Cell) -> None:
+def test_killed_plc_is_an_error_and_sends_the_safe_command(cell: Cell) -> None:
     plc = cell.plc()
     controller = cell.controller(60_000, SAFE)
-    until(controller, "running")
+    read_until(controller, "running")
     time.sleep(0.5)
     plc.kill()
-    begun = time.monotonic()
-    found = outcome(controller)
-    assert time.monotonic() - begun < 5
-    assert (found["failed"], found["wrong"]) == ("read", 0), found
+    started_at = time.monotonic()
+    result = read_result(controller)
+    assert time.monotonic() - started_at < 5
+    assert (result["failed"], result["wrong"]) == ("read", 0), result
     with cell.commands() as reader:
         last = reader.read()
     assert last is not None
-    assert (last.enable, next(iter(last.position))) == (0, float(found["ok"])), "enable is safe, the positions are held"
+    assert (last.enable, next(iter(last.position))) == (0, float(result["ok"])), "enable is safe, the positions stay"
 
 
-def test_a_controller_that_is_killed_is_seen_by_the_plc(cell: Cell) -> None:
+def test_plc_detects_a_killed_controller(cell: Cell) -> None:
     cell.plc()
     with cell.commands() as reader:
         for _ in range(3):
             controller = cell.controller(60_000)
-            until(controller, "running")
+            read_until(controller, "running")
             deadline = time.monotonic() + 20
-            while reader.wait(0.5) is None or reader.is_stale(0.1):  # the sample may be that of the last controller
+            while reader.wait(0.5) is None or reader.is_stale(0.1):  # the sample may be from the previous controller
                 assert time.monotonic() < deadline
             controller.kill()
             deadline = time.monotonic() + 2
@@ -230,45 +230,45 @@ def test_a_controller_that_is_killed_is_seen_by_the_plc(cell: Cell) -> None:
                 assert time.monotonic() < deadline
 
 
-def test_a_command_that_its_field_does_not_hold_is_an_error(cell: Cell) -> None:
+def test_command_out_of_range_is_an_error(cell: Cell) -> None:
     cell.plc()
-    found = outcome(cell.controller(1000, enable=256))
-    assert (found["failed"], found["ok"]) == ("write", 0)
+    result = read_result(cell.controller(1000, enable=256))
+    assert (result["failed"], result["ok"]) == ("write", 0)
 
 
 @pytest.mark.parametrize("reason", ["error", "deactivation"])
-def test_an_activation_sends_no_commands_from_before(cell: Cell, reason: str) -> None:
-    """The PLC receives heartbeats only until each command without a safe value is set again."""
+def test_activation_sends_no_old_commands(cell: Cell, reason: str) -> None:
+    """Send only heartbeats until each command without a safe value is set again."""
     plc = cell.plc()
     hardware = cell.start([cell.programs / "reactivate", cell.urdf(SAFE)])
-    until(hardware, "running")
+    read_until(hardware, "running")
     with cell.commands() as reader:
         request(hardware, "set 9 1")
-        assert enable(reader) == 1
+        assert newest_enable(reader) == 1
         if reason == "error":
             plc.kill()
-            until(hardware, "failed")
+            read_until(hardware, "failed")
             cell.plc()
         else:
             request(hardware, "deactivate")
-        assert enable(reader) == 0, "the safe command"
+        assert newest_enable(reader) == 0, "the safe command"
         request(hardware, "activate")
         assert reader.wait(0.5) is None
         assert not reader.is_stale(0.1)
         request(hardware, "set 8 2")  # all but `enable`, which has a safe value
-        assert enable(reader) == 0
+        assert newest_enable(reader) == 0
         request(hardware, "set 9 1")
-        assert enable(reader) == 1
+        assert newest_enable(reader) == 1
 
 
 def request(hardware: subprocess.Popen[str], line: str) -> None:
     assert hardware.stdin
     hardware.stdin.write(f"{line}\n")
     hardware.stdin.flush()
-    until(hardware, "done")
+    read_until(hardware, "done")
 
 
-def enable(reader: Any) -> int:
+def newest_enable(reader: Any) -> int:
     """Return the newest value of `enable` after the samples on their way have arrived."""
     first = reader.wait(5)
     assert first is not None
@@ -291,17 +291,17 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_in_the_urdf_is_refused_in_words(cell: Cell, mistake: str) -> None:
-    pattern, by, why = MISTAKES[mistake]
-    process = cell.controller(10, (pattern, by))
-    assert why in "".join(until(process, "refused"))
+def test_mistake_in_the_urdf_is_refused_with_a_reason(cell: Cell, mistake: str) -> None:
+    pattern, replacement, reason = MISTAKES[mistake]
+    process = cell.controller(10, (pattern, replacement))
+    assert reason in "".join(read_until(process, "refused"))
 
 
-def test_elements_beyond_a_sequence_are_no_number(cell: Cell) -> None:
-    """And one within it is: parts[1].weights[1] comes back, parts[1].weights[2] is not there."""
+def test_element_beyond_a_sequence_has_no_value(cell: Cell) -> None:
+    """Return parts[1].weights[1], but not parts[1].weights[2], which does not exist."""
     cell.plc()
     for index in (1, 2):
         field = (r">position\[1\](?=</param>\s*</state)", f">parts[1].weights[{index}]")
-        found = outcome(cell.controller(500, field))
-        assert found["failed"] == ""
-        assert (found["wrong"] > 0) == (index == 2), (index, found)
+        result = read_result(cell.controller(500, field))
+        assert result["failed"] == ""
+        assert (result["wrong"] > 0) == (index == 2), (index, result)

@@ -1,4 +1,4 @@
-"""The node of docs/python.md: topics of ROS and regions in one executor of rclpy."""
+"""Test the node of docs/python.md, which handles ROS topics and regions in one rclpy executor."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ executor.spin()
 
 
 @pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
-def test_one_executor_for_ros_and_regions(graph: Graph, tmp_path: Path, topic: str) -> None:
+def test_executor_handles_ros_topics_and_regions(graph: Graph, tmp_path: Path, topic: str) -> None:
     page = (REPOSITORY / "docs" / "python.md").read_text()
-    found = re.search(r"\n( {4}class Listener\(Node\):\n(?:(?: {4}.*)?\n)+)", page)
-    assert found
-    text = BEFORE + textwrap.dedent(found[1]) + AFTER
+    match = re.search(r"\n( {4}class Listener\(Node\):\n(?:(?: {4}.*)?\n)+)", page)
+    assert match
+    text = BEFORE + textwrap.dedent(match[1]) + AFTER
     (tmp_path / "node.py").write_text(text.replace("/robot/speech", topic))
     assert run(["generate", "std_msgs/String", "-t", "python", "-q"], tmp_path).code == 0
     node = graph.start([graph.python, "node.py"], {"PYTHONPATH": str(REPOSITORY / "src")})
-    seen: set[str] = set()
-    end = time.monotonic() + 60
-    while seen != {"ROS: hello", "region: hello"} and time.monotonic() < end:
-        seen.add(node.stdout.readline().strip())
-    assert seen == {"ROS: hello", "region: hello"}, (tmp_path / "errors").read_text()
+    lines: set[str] = set()
+    deadline = time.monotonic() + 60
+    while lines != {"ROS: hello", "region: hello"} and time.monotonic() < deadline:
+        lines.add(node.stdout.readline().strip())
+    assert lines == {"ROS: hello", "region: hello"}, (tmp_path / "errors").read_text()

@@ -1,4 +1,4 @@
-"""Services of real rclpy on rmw_fastrtps through the bridge's part of Fast DDS: who is answered, and how it is made."""
+"""Test services of rclpy on rmw_fastrtps through shmgen-fastdds, and the installation of shmgen-fastdds."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from ..support.dds import this_machine, without_fast_dds
 from ..support.ros1 import Bridge, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
-from .test_bridge import SET_BOOL, call, monkeypatched, plc_server, session
+from .test_bridge import SET_BOOL, call, plc_server, ros_environment, session
 from .test_identity import service
 
-by_dds = pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
+dds_only = pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
 
 BASIC = "test_msgs/srv/BasicTypes"
 ALL_TYPES = """
@@ -52,33 +52,33 @@ def _fast_dds() -> None:
     without_fast_dds()
 
 
-@by_dds
-def test_each_value_and_each_client(graph: Graph, space: str) -> None:
-    """All types of a field both ways, and several clients at once, of which each gets its own answers."""
+@dds_only
+def test_every_field_type_passes_with_concurrent_clients(graph: Graph, space: str) -> None:
+    """Pass all field types both ways. Each of several concurrent clients receives its own replies."""
     bridge = graph.bridge(ALL_TYPES.format(space=space))
-    with monkeypatched(graph):
-        made = session(graph)
-        kinds = made.classes(["test_msgs/srv/BasicTypes"])
-        layouts = made.layouts(["test_msgs/srv/BasicTypes"])
+    with ros_environment(graph):
+        schema_session = session(graph)
+        kinds = schema_session.classes(["test_msgs/srv/BasicTypes"])
+        layouts = schema_session.layouts(["test_msgs/srv/BasicTypes"])
     request, reply = kinds[f"{BASIC}_Request"], kinds[f"{BASIC}_Reply"]
-    layout = next(one for one in layouts.values() if str(one.name) == f"{BASIC}_Request")
+    layout = next(layout_ for layout_ in layouts.values() if str(layout_.name) == f"{BASIC}_Request")
     sent = [plain(random_message(layout, layouts, random.Random(seed))) for seed in range(12)]
     peers = [graph.peer() for _ in range(3)]
     peers[0].ask(do="serve", service=f"{space}/ros", type=BASIC, answers=list(sent))
-    ended = threading.Event()
+    stop = threading.Event()
 
     def serve() -> None:
         with server(request, reply)(f"{space}/plc") as served:
-            while not ended.is_set():
+            while not stop.is_set():
                 served.serve(lambda request: request, timeout=0.05)
 
     answers: dict[int, list[Any]] = {}
 
-    def ask(number: int) -> None:
-        asked = {"do": "call", "service": f"{space}/plc", "type": BASIC, "timeout": 20}
-        answers[number] = [peers[number].ask(**asked, request=values) for values in sent[number::3]]
+    def send_calls(number: int) -> None:
+        command = {"do": "call", "service": f"{space}/plc", "type": BASIC, "timeout": 20}
+        answers[number] = [peers[number].ask(**command, request=values) for values in sent[number::3]]
 
-    threads = [threading.Thread(target=ask, args=(number,)) for number in range(3)]
+    threads = [threading.Thread(target=send_calls, args=(number,)) for number in range(3)]
     plc = threading.Thread(target=serve)
     plc.start()
     try:
@@ -88,70 +88,70 @@ def test_each_value_and_each_client(graph: Graph, space: str) -> None:
             "type": BASIC,
             "request": {"string_value": "x" * 24_000_000},
         }
-        memory = most_memory(bridge)
+        memory = peak_memory(bridge)
         wait_for(lambda: peers[0].ask(**too_long, timeout=1) == "no answer", "a server")
-        assert most_memory(bridge) - memory < 12_000  # so it has not come in
+        assert peak_memory(bridge) - memory < 12_000  # the bridge has not received the request
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
         assert [answers[number] for number in range(3)] == [sent[number::3] for number in range(3)]
-        with client(request, reply)(f"{space}/ros") as calling:
-            assert [plain(calling.call(SimpleNamespace(**values), 20)) for values in sent] == sent
+        with client(request, reply)(f"{space}/ros") as set_bool_client:
+            assert [plain(set_bool_client.call(SimpleNamespace(**values), 20)) for values in sent] == sent
     finally:
-        ended.set()
+        stop.set()
         plc.join()
     bridge.stop(signal.SIGTERM)
     for name in ("plc", "ros"):
         bridge.wait_for_line(f"{space}/{name} +12 passed$")
 
 
-def most_memory(bridge: Bridge) -> int:
-    """KiB that the process has ever had."""
+def peak_memory(bridge: Bridge) -> int:
+    """Return the peak memory of the process in KiB."""
     status = Path(f"/proc/{bridge.process.pid}/status").read_text()
     return int(status.partition("VmHWM:")[2].split()[0])
 
 
-@by_dds
-def test_clients_of_both_kinds(graph: Graph, space: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of Cyclone and one of Fast DDS, at the same service: each call is answered once, to whose it is."""
-    graph.number = 1 + (graph.number + 24) % 100  # Cyclone sets a domain up once in a process
+@dds_only
+def test_clients_of_both_dds_succeed(graph: Graph, space: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Answer each call once and to its client, while a Cyclone and a Fast DDS client call the same service."""
+    graph.number = 1 + (graph.number + 24) % 100  # a process can configure a Cyclone domain only once
     bridge = graph.bridge(f'source = "{graph.source}"\n' + SET_BOOL.format(space=space, server="plc", timeout=20))
     monkeypatch.setenv("CYCLONEDDS_URI", this_machine())
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    served: list[bool] = []
+    values: list[bool] = []
 
     def handler(request: Any) -> Any:
-        served.append(request.data)
+        values.append(request.data)
         return SimpleNamespace(success=not request.data, message=f"of the PLC {request.data}")
 
     peer = graph.peer()
-    asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
-    of_fast: list[Any] = []
+    command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
+    fast_replies: list[Any] = []
     cyclone = backend.connect(Node("cyclone", graph.number, print, lambda: False))
     try:
         caller = cyclone.client(service(tmp_path, f"{space}/flag", "bool data"))
         request = caller.new()
         request.data = True
         with plc_server(graph, f"{space}/flag", handler):
-            of_fast.append(peer.ask(**asked))
-            caller.call(request, 20)  # both are there
-            calls = threading.Thread(target=lambda: of_fast.extend(peer.ask(**asked) for _ in range(20)))
+            fast_replies.append(peer.ask(**command))
+            caller.call(request, 20)  # now both clients are discovered
+            calls = threading.Thread(target=lambda: fast_replies.extend(peer.ask(**command) for _ in range(20)))
             calls.start()
-            of_cyclone = [caller.call(request, 20) for _ in range(20)]
+            cyclone_replies = [caller.call(request, 20) for _ in range(20)]
             calls.join()
     finally:
         cyclone.close()
-    assert of_fast == [{"success": True, "message": "of the PLC False"}] * 21
-    assert {(one.success, one.message) for one in of_cyclone} == {(False, "of the PLC True")}
-    assert (served.count(True), served.count(False)) == (21, 21)
+    assert fast_replies == [{"success": True, "message": "of the PLC False"}] * 21
+    assert {(reply.success, reply.message) for reply in cyclone_replies} == {(False, "of the PLC True")}
+    assert (values.count(True), values.count(False)) == (21, 21)
     bridge.stop(signal.SIGTERM)
     bridge.wait_for_line(f"{space}/flag +42 passed$")
 
 
-@by_dds
-def test_where_ours_is_another(graph: Graph, space: str) -> None:
-    """Both ways, real rclpy and a PLC do not mean the same by SetBool: no call reaches either."""
+@dds_only
+def test_service_of_another_definition_receives_no_call(graph: Graph, space: str) -> None:
+    """Pass no call in either direction if rclpy and the PLC have different definitions of SetBool."""
     file = graph.folder / "msgs" / "std_srvs" / "srv" / "SetBool.srv"
     file.parent.mkdir(parents=True)
     file.write_text("int8 data\n---\nbool success\nstring message\n")
@@ -161,15 +161,15 @@ def test_where_ours_is_another(graph: Graph, space: str) -> None:
         + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=3)
     )
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
     peer, kind = graph.peer(), "std_srvs/srv/SetBool"
     peer.ask(do="serve", service=f"{space}/of/flag", type=kind, answers=[])
     with (
         plc_server(graph, f"{space}/flag", lambda request: SimpleNamespace(success=True, message="")),
-        calling(f"{space}/of/flag") as plc,
+        set_bool_client(f"{space}/of/flag") as plc,
     ):
-        asked = {"do": "call", "service": f"{space}/flag", "type": kind, "request": {}, "timeout": 2}
-        wait_for(lambda: peer.ask(**asked) == "no answer", "a server")
+        command = {"do": "call", "service": f"{space}/flag", "type": kind, "request": {}, "timeout": 2}
+        wait_for(lambda: peer.ask(**command) == "no answer", "a server")
         with pytest.raises(ShmError):
             plc.call(SimpleNamespace(data=1), 20)
     bridge.stop(signal.SIGTERM)
@@ -179,9 +179,9 @@ def test_where_ours_is_another(graph: Graph, space: str) -> None:
     bridge.wait_for_line(f"{space}/of/flag +0 passed, 1 failed$")
 
 
-@by_dds
-def test_without_it(graph: Graph, space: str) -> None:
-    """Through Cyclone nobody on rmw_fastrtps can be answered or asked: said once, as soon as the two meet."""
+@dds_only
+def test_missing_shmgen_fastdds_is_reported(graph: Graph, space: str) -> None:
+    """Report once for each service that Cyclone cannot exchange calls with a peer on rmw_fastrtps."""
     (graph.folder / "shmgen_fastdds.py").write_text("raise ImportError")
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
@@ -189,15 +189,15 @@ def test_without_it(graph: Graph, space: str) -> None:
         + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=1)
     )
     peer = graph.peer()
-    asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 1}
+    command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 1}
     peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
     with (
         plc_server(graph, f"{space}/flag", lambda request: SimpleNamespace(success=True, message="")),
-        calling(f"{space}/of/flag") as plc,
+        set_bool_client(f"{space}/of/flag") as plc,
     ):
-        assert {peer.ask(**asked) for _ in range(2)} <= {"no answer", "no server"}
+        assert {peer.ask(**command) for _ in range(2)} <= {"no answer", "no server"}
         for _ in range(2):
             assert "failed" in call(plc)
     for name in ("flag", "of/flag"):
@@ -211,8 +211,7 @@ def test_without_it(graph: Graph, space: str) -> None:
 
 
 @pytest.mark.parametrize("graph", [("jazzy", "dds")], indirect=True, ids="-".join)
-def test_installed_from_its_sdist(graph: Graph, space: str) -> None:
-    """By pip, beside shmgen."""
+def test_pip_installs_the_sdist_of_shmgen_fastdds(graph: Graph, space: str) -> None:
     hatchling = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", graph.folder]
     subprocess.run(hatchling, cwd=REPOSITORY / "packaging" / "shmgen-fastdds", check=True, stdout=-3)
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
@@ -221,7 +220,7 @@ def test_installed_from_its_sdist(graph: Graph, space: str) -> None:
     bridge = graph.bridge(f'source = "{graph.source}"\n' + SET_BOOL.format(space=space, server="plc", timeout=20))
     maps = Path(f"/proc/{bridge.process.pid}/maps").read_text()
     assert f"{graph.folder}/shmgen_fastdds/services.so" in maps
-    asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
+    command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 20}
     with plc_server(graph, f"{space}/flag", lambda request: SimpleNamespace(success=True, message="of the PLC")):
-        assert graph.peer().ask(**asked) == {"success": True, "message": "of the PLC"}
+        assert graph.peer().ask(**command) == {"success": True, "message": "of the PLC"}
     bridge.stop(signal.SIGTERM)

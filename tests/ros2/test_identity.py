@@ -1,4 +1,4 @@
-"""What a peer of another definition sends never becomes a value in the PLC, whichever way it is another."""
+"""Test that messages of a peer with another definition never reach the PLC, for every kind of difference."""
 
 from __future__ import annotations
 
@@ -40,23 +40,23 @@ OTHERS = {
     "bounded": "float64[<=3] xyz\n",
     "nested": "Point at\n",
 }
-"""What others may mean by geometry_msgs/Vector3: a change of each kind that drift knows."""
-ACCEPTS = {"accepted": 'other_definition = "accept"\n'}
+"""Other definitions of geometry_msgs/Vector3: one for each kind of change that the drift check detects."""
+ACCEPT_KEYS = {"accepted": 'other_definition = "accept"\n'}
 
-WAYS = pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")], indirect=True, ids="-".join)
+rclpy_only = pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")], indirect=True, ids="-".join)
 
 
 @pytest.fixture
-def stranger(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Iterator[backend.Graph]:
-    """A peer whose definitions are its own: it has ROS 2's names on the wire, and announces their type hashes."""
+def dds_peer(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Iterator[backend.Graph]:
+    """A peer with its own definitions, which uses ROS 2's names in DDS and announces its type hashes."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    made = backend.connect(Node("stranger", graph.number, print, lambda: False))
-    yield made
-    made.close()
+    graph_of_peer = backend.connect(Node("stranger", graph.number, print, lambda: False))
+    yield graph_of_peer
+    graph_of_peer.close()
 
 
 def wire(folder: Path, name: str, text: str) -> Wire:
-    """The topic as somebody with that definition sees it."""
+    """Return the topic's wire for a peer with the given definition."""
     for file, content in (("Vector3", text), ("Point", "float64 x\nfloat64 y\nfloat64 z\n")):
         path = folder / "geometry_msgs" / "msg" / f"{file}.msg"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,52 +65,52 @@ def wire(folder: Path, name: str, text: str) -> Wire:
     return Wire(name, tuple(schema.messages))
 
 
-@WAYS
-def test_another_definition_is_no_value(graph: Graph, stranger: backend.Graph, space: str, tmp_path: Path) -> None:
+@rclpy_only
+def test_another_definition_is_refused(graph: Graph, dds_peer: backend.Graph, space: str, tmp_path: Path) -> None:
     names = ["same", "accepted", *OTHERS]
     bridge = graph.bridge(
         f'source = "{graph.source}"\n[bridge]\ndiagnostics = 0.3\n'
-        + "".join(topic(f"{space}/{name}", "geometry_msgs/Vector3") + ACCEPTS.get(name, "") for name in names)
+        + "".join(topic(f"{space}/{name}", "geometry_msgs/Vector3") + ACCEPT_KEYS.get(name, "") for name in names)
     )
     kind = session(graph).classes(["geometry_msgs/Vector3"])["geometry_msgs/msg/Vector3"]
     peer = graph.peer()
     peer.ask(do="subscribe", topic="/diagnostics", type="diagnostic_msgs/msg/DiagnosticArray")
     definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
-    outlets = {name: stranger.publisher(wire(tmp_path / name, f"{space}/{name}", definitions[name])) for name in names}
+    outlets = {name: dds_peer.publisher(wire(tmp_path / name, f"{space}/{name}", definitions[name])) for name in names}
     with ExitStack() as stack:
         readers = {name: stack.enter_context(subscriber(kind, f"{space}/{name}", 1)) for name in names}
 
-        came: set[str] = set()
+        received: set[str] = set()
 
-        def sent() -> bool:
+        def all_are_known() -> bool:
             for outlet in outlets.values():
                 outlet.send(outlet.new())
             time.sleep(0.1)
-            came.update(name for name in ("same", "accepted") if readers[name].read() is not None)
-            return len(came) == 2 and all(
+            received.update(name for name in ("same", "accepted") if readers[name].read() is not None)
+            return len(received) == 2 and all(
                 any(f"{space}/{name}: a peer has another" in line for line in list(bridge.lines)) for name in OTHERS
             )
 
-        wait_for(sent, "a refusal of each", lambda: "".join(bridge.lines))
+        wait_for(all_are_known, "a refusal of each", lambda: "".join(bridge.lines))
         assert [name for name in OTHERS if readers[name].read() is not None] == []
         levels: dict[str, int] = {}
 
-        def warned() -> bool:
-            sent()
+        def all_are_warned() -> bool:
+            all_are_known()
             for array in peer.ask(do="take", topic="/diagnostics", count=1):
                 for status in array["status"]:
                     name = status["name"].rpartition("/")[2]
                     levels[name] = max(status["level"], levels.get(name, 0))
             return all(levels.get(name) for name in OTHERS)
 
-        wait_for(warned, "a warning of each", lambda: str(levels))
+        wait_for(all_are_warned, "a warning of each", lambda: str(levels))
     assert levels["same"] == levels["accepted"] == 0
     bridge.stop(signal.SIGTERM)
-    for name in OTHERS:  # what is too long for a queue of Fast DDS does not come at all
+    for name in OTHERS:  # Fast DDS drops messages that are too long for its queue
         bridge.wait_for_line(rf"{space}/{name} +0 passed{', [0-9]+ refused' if name != 'added' else ''}$")
-        told = [line for line in bridge.lines if f"{space}/{name}: a peer" in line]  # Fast DDS writes there too
-        assert len(told) == 1
-        assert told[0].count("RIHS01_") == 2
+        lines = [line for line in bridge.lines if f"{space}/{name}: a peer" in line]  # Fast DDS also writes to this log
+        assert len(lines) == 1
+        assert lines[0].count("RIHS01_") == 2
     for name in ("same", "accepted"):
         bridge.wait_for_line(rf"{space}/{name} +\d+ passed$")
     assert len([line for line in bridge.lines if f"{space}/accepted: a peer has another" in line]) == 1
@@ -118,8 +118,8 @@ def test_another_definition_is_no_value(graph: Graph, stranger: backend.Graph, s
 
 @pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
 @pytest.mark.parametrize("last", ["float64 z\nfloat64 more\n", "int64 z\n"], ids=["longer", "another"])
-def test_each_message_of_another_definition_is_counted(graph: Graph, space: str, last: str) -> None:
-    """Also those that Cyclone drops itself, being too short; and diagnostics warn for as long as their sender is."""
+def test_every_message_of_another_definition_is_counted(graph: Graph, space: str, last: str) -> None:
+    """Count also messages that Cyclone itself drops as too short. Diagnostics warn while the sender exists."""
     file = graph.folder / "msgs" / "geometry_msgs" / "msg" / "Vector3.msg"
     file.parent.mkdir(parents=True)
     file.write_text(f"float64 x\nfloat64 y\n{last}")
@@ -146,20 +146,20 @@ def test_each_message_of_another_definition_is_counted(graph: Graph, space: str,
     wait_for(lambda: is_level(0), "a level of OK")
 
 
-@WAYS
-def test_a_subscriber_of_another_definition_is_told_of(
-    graph: Graph, stranger: backend.Graph, space: str, tmp_path: Path
+@rclpy_only
+def test_subscriber_of_another_definition_is_reported(
+    graph: Graph, dds_peer: backend.Graph, space: str, tmp_path: Path
 ) -> None:
-    """What it makes of our bytes is its own matter, but somebody should know; it may come first or last."""
+    """Report it because it misreads the bridge's messages, whether it joins before or after the bridge."""
     texts = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "first": "float64 a\n", "last": "float64 a\n"}
-    takers = {name: Taken(lambda message: None) for name in texts}
-    stranger.subscribe(wire(tmp_path / "first", f"{space}/first", texts["first"]), takers["first"])
+    sinks = {name: Taken(lambda message: None) for name in texts}
+    dds_peer.subscribe(wire(tmp_path / "first", f"{space}/first", texts["first"]), sinks["first"])
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + "".join(topic(f"{space}/{name}", "geometry_msgs/Vector3", 'direction = "from_plc"') for name in texts)
     )
     for name in ("same", "last"):
-        stranger.subscribe(wire(tmp_path / name, f"{space}/{name}", texts[name]), takers[name])
+        dds_peer.subscribe(wire(tmp_path / name, f"{space}/{name}", texts[name]), sinks[name])
     for name in ("first", "last"):
         bridge.wait_for_line(
             f"{space}/{name}: a peer has another geometry_msgs/Vector3: .*it will misread the bridge's messages"
@@ -169,96 +169,96 @@ def test_a_subscriber_of_another_definition_is_told_of(
 
 
 def service(folder: Path, name: str, request: str) -> ServiceWire:
-    """std_srvs/SetBool as somebody with that request sees it."""
+    """Return the wire of std_srvs/SetBool for a peer with the given request definition."""
     file = folder / "std_srvs" / "srv" / "SetBool.srv"
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(f"{request}\n---\nbool success\nstring message\n")
     parts = {
-        one.name.name: one for one in pipeline.read(Config(Path.cwd(), path=(folder,)), ["std_srvs/SetBool"]).messages
+        msg.name.name: msg for msg in pipeline.read(Config(Path.cwd(), path=(folder,)), ["std_srvs/SetBool"]).messages
     }
     return ServiceWire(name, (parts["SetBool_Request"],), (parts["SetBool_Response"],))
 
 
-@WAYS
-def test_a_service_of_another_definition(graph: Graph, stranger: backend.Graph, space: str, tmp_path: Path) -> None:
-    """While such a client or server is there, real rclpy hears nothing through rclpy, and the PLC is not asked."""
+@rclpy_only
+def test_other_service_type_is_refused(graph: Graph, dds_peer: backend.Graph, space: str, tmp_path: Path) -> None:
+    """Pass no calls while a client and a server of another definition exist, not even calls of matching peers."""
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + SET_BOOL.format(space=space, server="plc", timeout=1)
         + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=3)
     )
     peer = graph.peer()
-    asked = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 2}
+    command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 2}
     peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
-    served: list[Any] = []
+    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    requests: list[Any] = []
 
     def handler(request: Any) -> Any:
-        served.append(request)
+        requests.append(request)
         return SimpleNamespace(success=True, message="")
 
-    with plc_server(graph, f"{space}/flag", handler), calling(f"{space}/of/flag") as plc:
-        assert peer.ask(**asked | {"timeout": 20}) == {"success": True, "message": ""}  # they have to find each other
+    with plc_server(graph, f"{space}/flag", handler), set_bool_client(f"{space}/of/flag") as plc:
+        assert peer.ask(**command | {"timeout": 20}) == {"success": True, "message": ""}  # includes discovery
         assert plc.call(SimpleNamespace(data=True), 5) is not None
-        served.clear()
-        stranger.client(service(tmp_path, f"{space}/flag", "int8 data"))
-        stranger.serve(service(tmp_path, f"{space}/of/flag", "int8 data"), lambda *call: None, print)
+        requests.clear()
+        dds_peer.client(service(tmp_path, f"{space}/flag", "int8 data"))
+        dds_peer.serve(service(tmp_path, f"{space}/of/flag", "int8 data"), lambda *call: None, print)
 
-        def refused(name: str) -> bool:
-            """A call that failed may have failed for another reason, on a busy machine."""
+        def is_refused(name: str) -> bool:
+            """Return True if the log reports the refusal: on a busy machine, a call may fail for another reason."""
             return any(
                 line.startswith(f"{space}/{name}: ") and "no messages pass" in line for line in list(bridge.lines)
             )
 
-        def called() -> bool:
-            peer.ask(**asked)
+        def both_are_refused() -> bool:
+            peer.ask(**command)
             with suppress(ShmError):
                 plc.call(SimpleNamespace(data=True), 3)
-            return refused("flag") and refused("of/flag")
+            return is_refused("flag") and is_refused("of/flag")
 
-        wait_for(called, "a refusal of each", lambda: "".join(bridge.lines))
-        served.clear()
-        assert peer.ask(**asked) == "no answer"
+        wait_for(both_are_refused, "a refusal of each", lambda: "".join(bridge.lines))
+        requests.clear()
+        assert peer.ask(**command) == "no answer"
         with pytest.raises(ShmError):
             plc.call(SimpleNamespace(data=True), 3)
-        assert served == []
+        assert requests == []
     bridge.stop(signal.SIGTERM)
     for name in ("flag", "of/flag"):
-        (told,) = [line for line in bridge.lines if line.startswith(f"{space}/{name}: ") and "no messages pass" in line]
-        assert told.count("RIHS01_") == 2
+        (text,) = [line for line in bridge.lines if line.startswith(f"{space}/{name}: ") and "no messages pass" in line]
+        assert text.count("RIHS01_") == 2
     bridge.wait_for_line(rf"{space}/flag +\d+ passed, \d+ refused$")
     bridge.wait_for_line(rf"{space}/of/flag +\d+ passed, \d+ failed$")
 
 
 @pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
-def test_where_ours_is_another(graph: Graph, space: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Through Cyclone, from real rclpy: of its types Cyclone knows nothing but what they are called."""
+def test_dds_refuses_other_types(graph: Graph, space: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refuse messages of rclpy over Cyclone, which knows only the names of rclpy's types."""
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
-    told: list[str] = []
-    outlets: list[Any] = []  # or they are gone at once
-    ours = backend.connect(Node("ours", graph.number, told.append, lambda: False))
+    log: list[str] = []
+    outlets: list[Any] = []  # keeps the publishers alive
+    bridge_graph = backend.connect(Node("ours", graph.number, log.append, lambda: False))
     definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
-    came: dict[str, list[Any]] = {name: [] for name in definitions}
-    takers = {name: Taken(came[name].append) for name in definitions}
+    received: dict[str, list[Any]] = {name: [] for name in definitions}
+    sinks = {name: Taken(received[name].append) for name in definitions}
     peer = graph.peer()
     try:
         for name, text in definitions.items():
-            there = replace(wire(tmp_path / name, f"{space}/{name}", text), accepts_other=name in ACCEPTS)
-            ours.subscribe(there, takers[name])
+            own_wire = replace(wire(tmp_path / name, f"{space}/{name}", text), accepts_other=name in ACCEPT_KEYS)
+            bridge_graph.subscribe(own_wire, sinks[name])
             peer.ask(do="advertise", topic=f"{space}/{name}", type="geometry_msgs/msg/Vector3")
-            outlets.append(ours.publisher(wire(tmp_path / name, f"{space}/back_{name}", text)))
+            outlets.append(bridge_graph.publisher(wire(tmp_path / name, f"{space}/back_{name}", text)))
             peer.ask(do="subscribe", topic=f"{space}/back_{name}", type="geometry_msgs/msg/Vector3")
         for name in definitions:
             assert peer.ask(do="connected", topic=f"{space}/{name}") == 1, name
             peer.ask(do="publish", topic=f"{space}/{name}", messages=[{"x": 1.5}] * 2)
-        wait_for(lambda: len(came["same"]) == len(came["accepted"]) == 2, "what is the same")
-        wait_for(lambda: all(takers[name].logged for name in OTHERS), "refusals", lambda: str(told))
-        wait_for(lambda: len(told) >= 2 * len(OTHERS) + 2, "a word on subscribers", lambda: str(told))
+        wait_for(lambda: len(received["same"]) == len(received["accepted"]) == 2, "what is the same")
+        wait_for(lambda: all(sinks[name].logged for name in OTHERS), "refusals", lambda: str(log))
+        wait_for(lambda: len(log) >= 2 * len(OTHERS) + 2, "a word on subscribers", lambda: str(log))
     finally:
-        ours.close()
-    assert [name for name in definitions if came[name]] == ["same", "accepted"]
+        bridge_graph.close()
+    assert [name for name in definitions if received[name]] == ["same", "accepted"]
     others = [name for name in definitions if name != "same"]
-    both = sorted(f"{space}/{back}{name}" for name in others for back in ("", "back_"))
-    assert sorted(line.partition(":")[0] for line in told) == both
-    assert all(line.count("RIHS01_") == 2 for line in told)
+    expected = sorted(f"{space}/{back}{name}" for name in others for back in ("", "back_"))
+    assert sorted(line.partition(":")[0] for line in log) == expected
+    assert all(line.count("RIHS01_") == 2 for line in log)

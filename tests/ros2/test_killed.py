@@ -1,4 +1,4 @@
-"""On a machine of one processor: peers and the bridge are killed, a PLC's handler calls ROS, and data flows again."""
+"""Test on one processor that data flows again after peers and the bridge are killed, and that PLC handlers call ROS."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from shmgen.live.classes import client, publisher, subscriber
 
 from ..support.ros1 import LIMIT, PROMPTLY, Peer, wait_for
 from ..support.ros2 import Graph
-from .test_bridge import SET_BOOL, by_rclpy, plc_server, session, topic
+from .test_bridge import SET_BOOL, plc_server, rclpy_only, session, topic
 
-SOME_WAYS = pytest.mark.parametrize(
+BACKENDS = pytest.mark.parametrize(
     "graph", [("jazzy", "ros2"), ("kilted", "ros2"), ("jazzy", "dds")], indirect=True, ids="-".join
 )
 INT = "std_msgs/msg/Int32"
@@ -27,11 +27,11 @@ INT = "std_msgs/msg/Int32"
 
 @pytest.fixture(autouse=True)
 def one_processor() -> Iterator[None]:
-    """For all that is started meanwhile, and for us."""
-    all_there = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(all_there)})
+    """One processor for this process and the processes that it starts."""
+    processors = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(processors)})
     yield
-    os.sched_setaffinity(0, all_there)
+    os.sched_setaffinity(0, processors)
 
 
 @pytest.fixture
@@ -48,8 +48,8 @@ def empty_ports() -> Iterator[int]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
-def test_sigterm_ends_a_bridge_that_fast_dds_blocks(graph: Graph, space: str, empty_ports: int) -> None:
-    """Fast DDS waits without limit until another process fills the file. Meanwhile it holds Python's lock."""
+def test_sigterm_ends_a_bridge_blocked_in_fast_dds(graph: Graph, space: str, empty_ports: int) -> None:
+    """Block Fast DDS with an empty file: it holds the GIL and waits until another process fills the file."""
     graph.number = empty_ports
     bridge = graph.bridge(f'source = "{graph.source}"\n' + topic(f"{space}/x", "std_msgs/Int32"), ready=False)
     bridge.wait_for_line(f"{space}/x")
@@ -67,65 +67,65 @@ def test_sigterm_ends_a_bridge_that_fast_dds_blocks(graph: Graph, space: str, em
 
 
 @pytest.mark.slow
-@SOME_WAYS
-def test_data_flows_again(graph: Graph, space: str) -> None:
-    there, back = f"{space}/there", f"{space}/back"
-    config = f'source = "{graph.source}"\n' + topic(there, "std_msgs/Int32") + topic(back, "std_msgs/Int32")
+@BACKENDS
+def test_data_flows_again_after_kills(graph: Graph, space: str) -> None:
+    to_plc, from_plc = f"{space}/there", f"{space}/back"
+    config = f'source = "{graph.source}"\n' + topic(to_plc, "std_msgs/Int32") + topic(from_plc, "std_msgs/Int32")
     config += 'direction = "from_plc"\n'
     numbers = count(1)
 
-    def flows(peer: Peer) -> None:
-        """Both ways, with numbers that nobody has sent before."""
-        peer.ask(do="advertise", topic=there, type=INT)
-        peer.ask(do="subscribe", topic=back, type=INT)
-        since = next(numbers)
+    def check_flow(peer: Peer) -> None:
+        """Check both directions with new numbers."""
+        peer.ask(do="advertise", topic=to_plc, type=INT)
+        peer.ask(do="subscribe", topic=from_plc, type=INT)
+        first_number = next(numbers)
 
-        def crossed() -> bool:
+        def both_passed() -> bool:
             number = next(numbers)
-            peer.ask(do="publish", topic=there, messages=[{"data": number}])
+            peer.ask(do="publish", topic=to_plc, messages=[{"data": number}])
             writer.publish(SimpleNamespace(data=number))
-            came = reader.wait(0.2)
-            heard = peer.ask(do="take", topic=back, count=1, timeout=0.2)
-            done["there"] |= came is not None and came.data > since
-            done["back"] |= bool(heard) and heard[0]["data"] > since
-            return all(done.values())
+            sample = reader.wait(0.2)
+            messages = peer.ask(do="take", topic=from_plc, count=1, timeout=0.2)
+            passed["there"] |= sample is not None and sample.data > first_number
+            passed["back"] |= bool(messages) and messages[0]["data"] > first_number
+            return all(passed.values())
 
-        done = {"there": False, "back": False}
-        wait_for(crossed, "data", lambda: f"{done} " + "".join(bridge.lines))
+        passed = {"there": False, "back": False}
+        wait_for(both_passed, "data", lambda: f"{passed} " + "".join(bridge.lines))
 
     bridge = graph.bridge(config)
     kind = session(graph).classes(["std_msgs/Int32"])[INT]
-    with publisher(kind, back, 1) as writer, subscriber(kind, there, 1) as reader:
+    with publisher(kind, from_plc, 1) as writer, subscriber(kind, to_plc, 1) as reader:
         first = graph.peer()
-        flows(first)
+        check_flow(first)
         first.process.kill()
         second = graph.peer()
-        flows(second)
+        check_flow(second)
         bridge.kill()
         bridge = graph.bridge()
-        flows(second)
+        check_flow(second)
     assert bridge.stop(signal.SIGTERM) < PROMPTLY
 
 
-@by_rclpy
-def test_a_handler_of_the_plc_calls_ros(graph: Graph, space: str) -> None:
-    """Both calls are of one bridge, which has one processor and still waits for none of them in another's place."""
+@rclpy_only
+def test_plc_handler_can_call_ros(graph: Graph, space: str) -> None:
+    """Serve both calls in one bridge on one processor: a waiting call must not block the other call."""
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + SET_BOOL.format(space=space, server="plc", timeout=20)
         + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=20)
     )
-    asking, answering = graph.peer(), graph.peer()
+    client_peer, server_peer = graph.peer(), graph.peer()
     kind = "std_srvs/srv/SetBool"
-    answering.ask(do="serve", service=f"{space}/of/flag", type=kind, answers=[{"success": True, "message": "of ROS"}])
+    server_peer.ask(do="serve", service=f"{space}/of/flag", type=kind, answers=[{"success": True, "message": "of ROS"}])
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    calling = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
-    with calling(f"{space}/of/flag") as plc:
+    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    with set_bool_client(f"{space}/of/flag") as plc:
 
         def handler(request: Any) -> Any:
             return SimpleNamespace(success=True, message=f"the PLC heard: {plc.call(request, 15).message}")
 
         with plc_server(graph, f"{space}/flag", handler):
-            asked = {"service": f"{space}/flag", "type": kind, "request": {"data": True}, "timeout": 15}
-            assert asking.ask(do="call", **asked) == {"success": True, "message": "the PLC heard: of ROS"}
+            arguments = {"service": f"{space}/flag", "type": kind, "request": {"data": True}, "timeout": 15}
+            assert client_peer.ask(do="call", **arguments) == {"success": True, "message": "the PLC heard: of ROS"}
     assert bridge.stop(signal.SIGTERM) < PROMPTLY

@@ -1,4 +1,4 @@
-"""The load test of the bridge through rclpy, short, while calls wait for a PLC; `make load-bridge` is the long one."""
+"""Run the load test of `make load-bridge` through rclpy for a few seconds, while calls wait for a PLC."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SECONDS = 3
 
 @pytest.mark.slow
 @pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
-def test_what_goes_through_the_bridge_comes_back_or_is_counted(graph: Graph, space: str) -> None:
+def test_short_load_run_counts_every_lost_message(graph: Graph, space: str) -> None:
     result = bridged(graph, f"{space}/load", SECONDS, calls=True)
     assert result.run.sent == SECONDS * sum(RATES.values())
     assert result.lost == 0

@@ -1,4 +1,4 @@
-"""packaging/rosidl_generator_shmgen: colcon builds unmodified interface packages, each with its shared memory."""
+"""Test packaging/rosidl_generator_shmgen: colcon builds unmodified interface packages with shmgen's code."""
 
 from __future__ import annotations
 
@@ -74,18 +74,18 @@ int main(int, char **arguments)
 
 
 def package(name: str, files: dict[str, str], depends: str) -> dict[str, str]:
-    """One as anybody has it, which knows nothing of us but shmgen.toml."""
+    """Return the files of an ordinary interface package. Only its shmgen.toml refers to shmgen."""
     group = "<member_of_group>rosidl_interface_packages</member_of_group>"
-    named = "\n  ".join(f'"{file}"' for file in files if "/" in file)
-    written = {
+    quoted = "\n  ".join(f'"{file}"' for file in files if "/" in file)
+    package_files = {
         "package.xml": MANIFEST.format(name=name, depends=f"<depend>{depends}</depend>", group=group),
-        "CMakeLists.txt": INTERFACES.format(name=name, files=named, depends=depends),
+        "CMakeLists.txt": INTERFACES.format(name=name, files=quoted, depends=depends),
         **files,
     }
-    return {f"src/{name}/{path}": text for path, text in written.items()}
+    return {f"src/{name}/{path}": text for path, text in package_files.items()}
 
 
-def buildable(wheels: Path, prefix: Path) -> Path:
+def usable_prefix(wheels: Path, prefix: Path) -> Path:
     """Return a prefix of the wheels that CMake can use. Skip the test if a tool is missing."""
     if not all(
         (wheels / place).exists()
@@ -95,17 +95,17 @@ def buildable(wheels: Path, prefix: Path) -> Path:
     return cmake_prefix(wheels, prefix)
 
 
-def lock(share: Path) -> lockfile.Lock:
+def read_lock(share: Path) -> lockfile.Lock:
     return lockfile.read((share / "shmgen" / "layout.lock").read_text(), "", Report())
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
-def test_colcon_build_writes_it_for_every_interface_package(
+def test_colcon_build_generates_code_for_every_interface_package(
     graph: ros2.Graph, tmp_path: Path, corpus: Path, topic: str
 ) -> None:
-    prefix = buildable(graph.prefix, tmp_path / "prefix")
+    prefix = usable_prefix(graph.prefix, tmp_path / "prefix")
     statistics = {f"msg/{file.name}": file.read_text() for file in (corpus / "jazzy/statistics_msgs/msg").iterdir()}
     workspace = tmp_path / "workspace"
     put(
@@ -131,19 +131,19 @@ def test_colcon_build_writes_it_for_every_interface_package(
     def colcon(*words: Any, code: int = 0, shell: str = "") -> str:
         command = " ".join(["colcon build --event-handlers console_direct+", *map(str, words)])
         process = graph.start(["sh", "-c", f"cd {workspace} && {shell} {command}"], settings, stderr=subprocess.STDOUT)
-        said: str = process.stdout.read()
-        assert process.wait() == code, said[-6000:]
-        return said
+        output: str = process.stdout.read()
+        assert process.wait() == code, output[-6000:]
+        return output
 
     colcon("--base-paths", REPOSITORY / "packaging" / PLUGIN)
-    said = colcon(shell=". install/local_setup.sh &&")
-    assert "1 message left out for want of a bound, see `shmgen list`:\n  statistics_msgs/MetricsMessage\n" in said
-    assert "  plant_msgs/Open\n" in said
+    output = colcon(shell=". install/local_setup.sh &&")
+    assert "1 message left out for want of a bound, see `shmgen list`:\n  statistics_msgs/MetricsMessage\n" in output
+    assert "  plant_msgs/Open\n" in output
 
     shares = {
         name: workspace / "install" / name / "share" / name for name in ("cell_msgs", "plant_msgs", "statistics_msgs")
     }
-    cell, plant = lock(shares["cell_msgs"]), lock(shares["plant_msgs"])
+    cell, plant = read_lock(shares["cell_msgs"]), read_lock(shares["plant_msgs"])
     assert {
         "cell_msgs/msg/Robot",
         "cell_msgs/msg/Speed",
@@ -155,7 +155,7 @@ def test_colcon_build_writes_it_for_every_interface_package(
     for name, share in shares.items():
         assert (share / "shmgen/plcopen/shmgen.xml").is_file()
         assert (share / "shmgen/st" / name).is_dir()
-    assert "statistics_msgs/msg/StatisticDataPoint" in lock(shares["statistics_msgs"]).requested
+    assert "statistics_msgs/msg/StatisticDataPoint" in read_lock(shares["statistics_msgs"]).requested
     headers = {
         name: {
             file.relative_to(share.parents[1] / "include" / name)
@@ -165,7 +165,7 @@ def test_colcon_build_writes_it_for_every_interface_package(
     }
     assert Path("shm_msgs_ros2/cell_msgs/msg/robot.hpp") in headers["cell_msgs"]
     assert headers["plant_msgs"]
-    assert not headers["plant_msgs"] & headers["cell_msgs"]  # linked, not written twice
+    assert not headers["plant_msgs"] & headers["cell_msgs"]  # linked, not generated again
 
     program = [
         "sh",
@@ -175,5 +175,5 @@ def test_colcon_build_writes_it_for_every_interface_package(
     assert graph.start(program, settings).wait() == 0
 
     put({"src/plant_msgs/shmgen.toml": '[bounds]\n"cell_msgs/Robot.joints" = 7\n"plant_msgs" = 2\n'}, workspace)
-    said = colcon("--packages-select plant_msgs", code=2, shell=". install/local_setup.sh &&")
-    assert "error[SHM401]: layout of cell_msgs/Robot changed\n  joints   count 6 -> 7\n" in said
+    output = colcon("--packages-select plant_msgs", code=2, shell=". install/local_setup.sh &&")
+    assert "error[SHM401]: layout of cell_msgs/Robot changed\n  joints   count 6 -> 7\n" in output

@@ -1,4 +1,4 @@
-"""docs/tutorial-ros.md: its node in rclpy sends a topic to its PLC program and receives one of the PLC."""
+"""Test docs/tutorial-ros.md: its rclpy node sends a topic to its PLC program and receives a topic from it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAGE = REPOSITORY / "docs" / "tutorial-ros.md"
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++: apt-get install g++")
 @pytest.mark.parametrize("graph", [("jazzy", "ros2")], indirect=True, ids="-".join)
-def test_the_node_of_the_tutorial_gets_the_answer_of_the_plc(graph: Graph, space: str) -> None:
+def test_node_of_the_tutorial_receives_the_topic_of_the_plc(graph: Graph, space: str) -> None:
     settings, _, st = project(PAGE.name, graph.folder, space)
     compile_st(st, graph.folder / "plc")
     graph.bridge(settings.replace('topic = "', f'topic = "{space}'))

@@ -1,4 +1,4 @@
-"""What a message of ROS 2 wakes: the thread of its topic, not rclpy's executor, which takes longer than all else."""
+"""Test that a ROS 2 message wakes the thread of its topic, and not rclpy's executor, which is slow."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ wakes = 0
 rclpy = executors._rclpy
 
 class Counted:
-    # It makes a new wait set for each time that it waits.
+    # rclpy creates a new wait set for each wait.
 
     def __getattr__(self, name):
         global wakes
@@ -59,8 +59,8 @@ graph.close()
 
 
 @pytest.mark.parametrize("graph", [("jazzy", "ros2"), ("kilted", "ros2")], indirect=True, ids="-".join)
-def test_a_message_does_not_wake_the_executor(graph: Graph) -> None:
+def test_message_does_not_wake_the_executor(graph: Graph) -> None:
     process = graph.start([graph.python, "-c", SCRIPT], {"PYTHONPATH": str(REPOSITORY / "src")})
-    said, _ = process.communicate(timeout=60)
-    assert "wakes" in said, (graph.folder / "errors").read_text()
-    assert int(said.split()[-1]) < MESSAGES / 10
+    output, _ = process.communicate(timeout=60)
+    assert "wakes" in output, (graph.folder / "errors").read_text()
+    assert int(output.split()[-1]) < MESSAGES / 10

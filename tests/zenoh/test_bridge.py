@@ -18,7 +18,7 @@ import pytest
 from shmgen.live.classes import client, publisher, subscriber
 
 from ..rigs.load_bridge import RATES, bridged
-from ..ros2.test_bridge import SET_BOOL, call, monkeypatched, plc_server, session, topic
+from ..ros2.test_bridge import SET_BOOL, call, plc_server, ros_environment, session, topic
 from ..support import import_or_skip, ros2
 from ..support.ros1 import PROMPTLY, Peer, wait_for
 from ..support.schemas import plain, random_message
@@ -84,7 +84,7 @@ def test_every_message_type_passes_both_ways_unchanged(tmp_path: Path, space: st
         config += "".join(topic(f"{space}/there{number}", name) for number, name in pairs)
         config += "".join(topic(f"{space}/back{number}", name, 'direction = "from_plc"') for number, name in pairs)
         bridge, peer = graph.bridge(config), graph.peer()
-        with monkeypatched(graph):
+        with ros_environment(graph):
             schema_session = session(graph)
             layouts, kinds = schema_session.layouts(names), schema_session.classes(names)
         wrong, unsupported = [], set()
@@ -206,7 +206,7 @@ def test_messages_of_another_definition_are_refused_and_counted(cell: Graph, spa
     bridge.counted("5 passed")
 
 
-def test_services_both_ways(graph: Graph, space: str) -> None:
+def test_services_pass_both_ways(graph: Graph, space: str) -> None:
     """Refuse a client and a server with another definition. End a call at once when its server is killed."""
     graph.router()
     ros = f"{space}/of"
