@@ -49,9 +49,9 @@ def test_play_keeps_the_pace_and_starts_at_an_offset(topic, registry, recording,
 
 def test_play_publishes_only_the_selected_topics(topic, registry, recording, tmp_path, shmgen):
     kind = registry.message("std_msgs/msg/Int32")
-    with publisher(kind, topic, 3) as one, publisher(kind, topic + "b", 3) as two, recording(topic, topic + "b"):
-        one.publish(kind(data=1))
-        two.publish(kind(data=2))
+    with publisher(kind, topic, 3) as first, publisher(kind, topic + "b", 3) as second, recording(topic, topic + "b"):
+        first.publish(kind(data=1))
+        second.publish(kind(data=2))
     result = shmgen("play", "bag", "--topics", topic)
     assert (result.code, result.stdout) == (0, "bag: 1 sample on 1 topic\n")
     result = shmgen("play", "bag", "--topics", topic + "c")

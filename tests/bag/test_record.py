@@ -127,7 +127,7 @@ def test_recorder_counts_missed_samples_over_two_regions(topic, registry, record
                 wait_for(
                     lambda life=life: sum(map(recorder.figures.__getattribute__, ("samples", "missed"))) >= 3 * life
                 )
-            assert shmgen("clean", topic, "--force").code == 0  # the recorder has it open
+            assert shmgen("clean", topic, "--force").code == 0  # the recorder has the region open
             wait_for(lambda: not recorder._sources)
     assert recorder.figures.samples + recorder.figures.missed == 6
     (file,) = list_bags(tmp_path / "bag")
@@ -154,7 +154,7 @@ def test_request_region_of_a_service_is_recorded(topic, registry, recording, tmp
     definition = tmp_path / "msgs" / "demo_msgs" / "srv" / "Start.srv"
     definition.parent.mkdir()
     definition.write_text("bool on\n---\nbool success\n")
-    assert shmgen("call", topic, "demo_msgs/Start", "{on: true}", "--timeout", "0.1").code == 1  # nobody serves
+    assert shmgen("call", topic, "demo_msgs/Start", "{on: true}", "--timeout", "0.1").code == 1  # no server
     kind = registry.message("demo_msgs/srv/Start_Request", part_of="demo_msgs/srv/Start")
     with recording(topic, count=2) as recorder, publisher(kind, f"{topic}-request", 1) as writer:
         writer.publish(kind(on=True))
@@ -189,12 +189,12 @@ def test_topic_without_a_region_is_an_error(topic, registry, tmp_path, shmgen):
     """Reject a mistyped name: the bag would be empty, and its user would notice only later."""
     with open_writer(registry, topic) as writer:
         writer.publish(build_full(registry))
-        good = shmgen("record", topic, "-o", str(tmp_path / "good"), "-d", "0.5", "-q")
-        wrong = shmgen("record", topic, topic[:-1], "-o", str(tmp_path / "wrong"), "-d", "0.5", "-q")
-    assert (good.code, good.stderr) == (0, "")
-    assert wrong.code == 1
-    assert f"{topic[:-1]}: error[SHM701]: no such region" in wrong.stderr
-    assert f"did you mean {topic}?" in wrong.stderr
+        complete = shmgen("record", topic, "-o", str(tmp_path / "good"), "-d", "0.5", "-q")
+        incomplete = shmgen("record", topic, topic[:-1], "-o", str(tmp_path / "wrong"), "-d", "0.5", "-q")
+    assert (complete.code, complete.stderr) == (0, "")
+    assert incomplete.code == 1
+    assert f"{topic[:-1]}: error[SHM701]: no such region" in incomplete.stderr
+    assert f"did you mean {topic}?" in incomplete.stderr
 
 
 def test_bag_of_a_killed_recorder_is_readable(topic, registry, tmp_path):
@@ -212,7 +212,7 @@ def test_bag_of_a_killed_recorder_is_readable(topic, registry, tmp_path):
     with RosbagsReader(tmp_path / "bag") as reader:
         assert len(list(reader.messages())) == 2
     whole = file.read_bytes()
-    for end in range(len(whole) - 50, 300, -7):  # killed within write(), or a file that was copied too early
+    for end in range(len(whole) - 50, 300, -7):  # as if killed within write(), or copied too early
         file.write_bytes(whole[:end])
         messages = [item for item in read.messages(file) if isinstance(item, read.Message)]
         assert [item.data[4] for item in messages] == [0, 1][: len(messages)]

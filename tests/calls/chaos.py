@@ -63,7 +63,7 @@ class Verdict:
     updates: int = 0
     removals: int = 0
     errors: list[str] = field(default_factory=list)
-    served: int = 0
+    last_served: int = 0
 
 
 class Scene(NamedTuple):
@@ -77,12 +77,12 @@ class Scene(NamedTuple):
 def _take_any_reply() -> None:
     """Let a client in Python accept the reply to another call as its own."""
 
-    def own(client: Any, response: Any) -> Any:
+    def accept(client: Any, response: Any) -> Any:
         if response is not None:
             client.number = 0
         return response
 
-    runtime_calls.CallClient._own = own  # type: ignore[method-assign]
+    runtime_calls.CallClient._own = accept  # type: ignore[method-assign]
 
 
 def _serve_old_calls() -> None:
@@ -140,9 +140,9 @@ class Storm:
         self._name = f"/shmgen_test/t{uuid.uuid4().hex}"
         self._reports, self._writer = os.pipe2(os.O_CLOEXEC)
         os.set_blocking(self._reports, False)
-        self._stages = [self._stage(folder), self._stage(folder / "updated", "float64 more\n")]
+        self._stages = [self._create_stage(folder), self._create_stage(folder / "updated", "float64 more\n")]
         self._version, self._is_updated = 0, False
-        self._children = [self._child(place) for place in (0, 1)]
+        self._children = [self._start_child(place) for place in (0, 1)]
 
     def pause(self) -> float:
         """Return the seconds until the next hit. After an update, a PLC needs one second more for its region."""
@@ -162,22 +162,22 @@ class Storm:
         if len(places) == 2:
             self.listen(verdict)
             self._remove("")
-            verdict.served = 0
+            verdict.last_served = 0
         elif self._dice.random() < REMOVALS:
             self._remove("-request")
             self._remove("-goal")
             verdict.removals += 1
         for place in places:
-            self._children[place] = self._child(place)
+            self._children[place] = self._start_child(place)
 
     def listen(self, verdict: Verdict) -> None:
         with suppress(BlockingIOError):
             while data := os.read(self._reports, 1000 * ENTRY.size):
                 for kind, value in ENTRY.iter_unpack(data):
                     if kind == b"s":
-                        if self._fault != "python_numbers" and not is_later(value, verdict.served):
-                            verdict.errors.append(f"call {value} was served after call {verdict.served}")
-                        verdict.served = value
+                        if self._fault != "python_numbers" and not is_later(value, verdict.last_served):
+                            verdict.errors.append(f"call {value} was served after call {verdict.last_served}")
+                        verdict.last_served = value
                     elif kind == b"w":
                         verdict.errors.append(f"question {value:08X} got the answer to another")
                     elif kind == b"o":
@@ -195,7 +195,7 @@ class Storm:
         os.close(self._writer)
         self._remove("")
 
-    def _stage(self, folder: Path, more: str = "") -> Stage:
+    def _create_stage(self, folder: Path, more: str = "") -> Stage:
         calls = open_or_make(folder, more)
         kinds = [module(folder, PACKAGE, TypeName("calls_msgs", kind, "")) for kind in ("srv", "action")]
         forget(PACKAGE)
@@ -206,7 +206,7 @@ class Storm:
             stage.server_fault = f"_{self._fault}"
         return stage
 
-    def _child(self, place: int) -> int:
+    def _start_child(self, place: int) -> int:
         """Start an end of the present version, which reopens its regions when they were removed."""
         seed = self._dice.random()
         pid = os.fork()

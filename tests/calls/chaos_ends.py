@@ -45,7 +45,7 @@ class Stage:
         os.write(self.reports, ENTRY.pack(kind, value & 0xFFFFFFFF))
 
     def newest(self, half: str) -> int:
-        """Return the number of the newest request, which is old for a server that starts now; 0 if there is none."""
+        """Return the number of the newest request, or 0. The request is old for a server that starts now."""
         with suppress(runtime.RegionMissing):
             return runtime.read_header(f"{runtime.region_name(self.name)}-{half}").newest
         return 0
@@ -66,11 +66,11 @@ def answer_to(question: int) -> int:
     return 3 * question + 1
 
 
-def reached_for(target: int) -> int:
+def compute_reached(target: int) -> int:
     return target * 2654435761 & 0xFFFFFFFF
 
 
-def position_for(target: int) -> int:
+def compute_position(target: int) -> int:
     return target ^ 0x5A5A5A5A
 
 
@@ -119,7 +119,7 @@ def ask(stage: Stage, dice: random.Random) -> None:
     cycles, timeout = FIRST
     with stage.srv.AskClient(stage.name) as client:
         while True:
-            question, begin = dice.getrandbits(60), time.monotonic()
+            question, started_at = dice.getrandbits(60), time.monotonic()
             request = SimpleNamespace(question=question, cycles=cycles, fail=dice.random() < 0.05, more=0)
             kind = b"t"
             with suppress(runtime.CallTimeout):
@@ -130,7 +130,7 @@ def ask(stage: Stage, dice: random.Random) -> None:
                     kind = b"f"
                 except runtime.NoServer:
                     kind = b"n"
-            _report_end(stage, kind, question, begin, timeout)
+            _report_end(stage, kind, question, started_at, timeout)
             cycles, timeout = _cycles(dice), _timeout(dice)
             time.sleep(dice.uniform(0.0, 0.002))
 
@@ -139,7 +139,7 @@ def plc_ask(stage: Stage, dice: random.Random) -> None:
     client = stage.calls.client(stage.name, stage.client_fault)()
     cycles, timeout = FIRST
     while True:
-        question, begin = dice.getrandbits(60), time.monotonic()
+        question, started_at = dice.getrandbits(60), time.monotonic()
         request, cancel = client.Request, dice.random() < 0.1
         request.question, request.cycles, request.fail = question, cycles, dice.random() < 0.05
         client(xExecute=True, tTimeout=int(timeout * 1000), xCancel=False)
@@ -147,7 +147,7 @@ def plc_ask(stage: Stage, dice: random.Random) -> None:
             time.sleep(CYCLE)
             client(xCancel=cancel and client.udiCall != 0 and dice.random() < 0.1)
         kind = b"r" if client.xDone and _is_own(client.Response, question) else b"w"
-        _report_end(stage, kind if client.xDone else _failure_kind(client), question, begin, timeout)
+        _report_end(stage, kind if client.xDone else _failure_kind(client), question, started_at, timeout)
         client(xExecute=False)
         cycles, timeout = _cycles(dice), _timeout(dice)
 
@@ -156,7 +156,7 @@ def plc_ask(stage: Stage, dice: random.Random) -> None:
 
 
 def act(stage: Stage, dice: random.Random) -> None:
-    """Reject goals with a stride of 0; end a cancelled goal as canceled."""
+    """Reject goals with a stride of 0, and end cancelled goals as canceled."""
     old = stage.newest("goal")
     with stage.action.CountActionServer(stage.name) as server:
         while True:
@@ -170,35 +170,35 @@ def act(stage: Stage, dice: random.Random) -> None:
                 continue
             goal.accept()
             for _ in range(goal.request.stride - 1):
-                goal.publish_feedback(SimpleNamespace(position=position_for(target)))
+                goal.publish_feedback(SimpleNamespace(position=compute_position(target)))
                 time.sleep(CYCLE)
                 if goal.is_cancel_requested:
                     break
             if goal.is_cancel_requested:
-                goal.canceled(SimpleNamespace(reached=reached_for(target)))
+                goal.canceled(SimpleNamespace(reached=compute_reached(target)))
             else:
-                goal.succeed(SimpleNamespace(reached=reached_for(target)))
+                goal.succeed(SimpleNamespace(reached=compute_reached(target)))
 
 
 def plc_act(stage: Stage, dice: random.Random) -> None:
     server = stage.calls.action_server(stage.name)
-    old, left = stage.newest("goal"), 0
+    old, cycles_left = stage.newest("goal"), 0
     while True:
         if server.xBusy or server.xError:
             old = stage.newest("goal")
-        before, busy = server.xExecute, server.xExecute and left > 0
+        before, busy = server.xExecute, server.xExecute and cycles_left > 0
         rejects = server.xExecute and server.Goal.stride == 0
         server(
             xDone=server.xExecute and not busy and not rejects,
             xReject=rejects,
             xAborted=busy and server.xCancel,
         )
-        left -= 1
+        cycles_left -= 1
         if server.xExecute and not before:
             stage.report_request(server.udiGoal, old)
-            left = server.Goal.stride - 1
-            server.Feedback.position = position_for(server.Goal.target)
-            server.Result.reached = reached_for(server.Goal.target)
+            cycles_left = server.Goal.stride - 1
+            server.Feedback.position = compute_position(server.Goal.target)
+            server.Result.reached = compute_reached(server.Goal.target)
         time.sleep(CYCLE)
 
 
@@ -206,15 +206,15 @@ def send_goals(stage: Stage, dice: random.Random) -> None:
     stride, timeout = FIRST
     with stage.action.CountActionClient(stage.name) as client:
         while True:
-            target, begin = dice.getrandbits(32), time.monotonic()
+            target, started_at = dice.getrandbits(32), time.monotonic()
             kind = b"t"
             with suppress(runtime.CallTimeout):
                 try:
                     client.send_goal(SimpleNamespace(target=target, stride=stride, more=0), timeout)
-                    kind = _follow(client, target, begin + timeout, dice)
+                    kind = _follow(client, target, started_at + timeout, dice)
                 except runtime.NoServer:
                     kind = b"n"
-            _report_end(stage, kind, target, begin, timeout)
+            _report_end(stage, kind, target, started_at, timeout)
             stride, timeout = _stride(dice), _timeout(dice)
             time.sleep(dice.uniform(0.0, 0.002))
 
@@ -224,10 +224,10 @@ def _follow(client: Any, target: int, deadline: float, dice: random.Random) -> b
     cancels = dice.random() < 0.1
     while time.monotonic() < deadline:
         feedback, outcome = client.feedback(), client.poll()
-        if feedback is not None and feedback.position != position_for(target):
+        if feedback is not None and feedback.position != compute_position(target):
             return b"w"
         if outcome is not None:
-            return _kind_of(outcome, target)
+            return _outcome_kind(outcome, target)
         if cancels and dice.random() < 0.1:
             client.cancel()
             cancels = False
@@ -235,9 +235,9 @@ def _follow(client: Any, target: int, deadline: float, dice: random.Random) -> b
     return b"t"
 
 
-def _kind_of(outcome: Any, target: int) -> bytes:
+def _outcome_kind(outcome: Any, target: int) -> bytes:
     if outcome.status == outcome.SUCCEEDED:
-        return b"r" if outcome.result.reached == reached_for(target) else b"w"
+        return b"r" if outcome.result.reached == compute_reached(target) else b"w"
     return b"c" if outcome.status == outcome.CANCELED else b"f"
 
 
@@ -245,18 +245,18 @@ def plc_send_goals(stage: Stage, dice: random.Random) -> None:
     client = stage.calls.action_client(stage.name)()
     stride, timeout = FIRST
     while True:
-        target, begin = dice.getrandbits(32), time.monotonic()
+        target, started_at = dice.getrandbits(32), time.monotonic()
         cancels, kind = dice.random() < 0.1, b""
         client.Goal.target, client.Goal.stride = target, stride
         client(xExecute=True, tTimeout=int(timeout * 1000), xCancel=False)
         while client.xBusy:
             time.sleep(CYCLE)
             client(xCancel=cancels and client.udiGoal != 0 and dice.random() < 0.1)
-            if client.xNewFeedback and client.Feedback.position != position_for(target):
+            if client.xNewFeedback and client.Feedback.position != compute_position(target):
                 kind = b"w"
         if client.xDone:
-            kind = kind or (b"r" if client.Result.reached == reached_for(target) else b"w")
-        _report_end(stage, kind or _failure_kind(client), target, begin, 60.0)  # feedback restarts the timeout
+            kind = kind or (b"r" if client.Result.reached == compute_reached(target) else b"w")
+        _report_end(stage, kind or _failure_kind(client), target, started_at, 60.0)  # feedback restarts the timeout
         client(xExecute=False)
         stride, timeout = _stride(dice), _timeout(dice)
 
@@ -298,8 +298,8 @@ def _failure_kind(client: Any) -> bytes:
     return b"c" if client.xAborted else {"CALL_FAILED": b"f", "CALL_TIMEOUT": b"t"}.get(client.eErrorID, b"e")
 
 
-def _report_end(stage: Stage, kind: bytes, value: int, begin: float, timeout: float) -> None:
-    late = time.monotonic() - begin - timeout
-    if late > SLACK:
-        stage.report(b"l", int(late * 1000))
+def _report_end(stage: Stage, kind: bytes, value: int, started_at: float, timeout: float) -> None:
+    delay = time.monotonic() - started_at - timeout
+    if delay > SLACK:
+        stage.report(b"l", int(delay * 1000))
     stage.report(kind, value)

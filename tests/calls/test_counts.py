@@ -62,7 +62,7 @@ def test_request_with_an_excessive_count_fails(topic, kinds, caplog):
         client.send(spoil(sort.Sort_Request(), "items"))
         timer = threading.Timer(0.05, client.send, [sort.Sort_Request(id=7)])
         timer.start()
-        assert server.wait(timeout=5).request.id == 7, "in the same wait"
+        assert server.wait(timeout=5).request.id == 7, "a wait skips the refused request"
         timer.join()
 
 

@@ -144,7 +144,7 @@ def test_keyboardinterrupt_in_handler_fails_call_and_ends_serve(topic):
 
 def interrupt_after(step, call):
     """Run `call`, and raise after its call or jump number `step` in the runtime. Return True if the exception came."""
-    left = [step]
+    remaining = [step]
     due_frames = {}
 
     def trace(frame, event, _):
@@ -154,8 +154,8 @@ def interrupt_after(step, call):
         if event == "opcode":
             name = dis.opname[frame.f_code.co_code[frame.f_lasti]]
             is_due, due_frames[frame] = due_frames.get(frame, False), name.startswith(("CALL", "JUMP_B", "JUMP_A"))
-            left[0] -= is_due
-            if is_due and left[0] == 0:
+            remaining[0] -= is_due
+            if is_due and remaining[0] == 0:
                 raise KeyboardInterrupt
         return trace
 
@@ -255,7 +255,7 @@ def test_closed_client_raises_instead_of_waiting(topic):
 @pytest.mark.parametrize("server", [StartServer, MoveActionServer])
 def test_close_ends_serve(server, by, topic):
     server = server(topic)
-    former = signal.signal(signal.SIGALRM, lambda *_: server.close())
+    former_handler = signal.signal(signal.SIGALRM, lambda *_: server.close())
     try:
         if by == "thread":
             threading.Timer(0.05, server.close).start()
@@ -265,7 +265,7 @@ def test_close_ends_serve(server, by, topic):
         with pytest.raises(runtime.Closed):
             server.take()
     finally:
-        signal.signal(signal.SIGALRM, former)
+        signal.signal(signal.SIGALRM, former_handler)
 
 
 def test_client_and_server_work_in_coroutines(topic):
@@ -454,7 +454,7 @@ def test_numbers_of_a_new_region_follow_the_former_numbers(topic):
             assert server._calls._requests.missed == 0
         Path(region_file(region_name(f"{topic}-request"))).unlink()
     steps = [(later - earlier) % abi.RESTART_GAP for earlier, later in itertools.pairwise(numbers)]
-    assert all(0 < step < 60e6 for step in steps), "microseconds"
+    assert all(0 < step < 60e6 for step in steps), "the steps are microseconds"
     assert steps[::2] == [1, 1, 1]
 
 
@@ -507,30 +507,30 @@ def test_dash_in_a_topic_is_valid_only_before_a_suffix(name):
 def test_threads_share_a_client(topic, peer):
     peer(SERVE.format(topic=topic))
     with StartClient(topic) as client:
-        wrong = []
+        mismatches = []
 
         def work(first):
             for batch in range(first, first + 50):
                 result = client.call(request(batch), timeout=20).batch
                 if result != 2 * batch:
-                    wrong.append((batch, result))
+                    mismatches.append((batch, result))
 
         threads = [threading.Thread(target=work, args=(1000 * number,)) for number in range(4)]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
-        assert not wrong
+        assert not mismatches
 
 
 def test_call_waits_for_another_thread_until_its_timeout(topic):
     with StartServer(topic), StartClient(topic) as client:
 
-        def unanswered():
+        def call_in_vain():
             with pytest.raises(runtime.CallTimeout):
                 client.call(request(), timeout=1.0)
 
-        thread = threading.Thread(target=unanswered)
+        thread = threading.Thread(target=call_in_vain)
         thread.start()
         time.sleep(0.1)
         with pytest.raises(runtime.CallTimeout, match="another thread"):

@@ -45,9 +45,9 @@ def run(command: list[object], **environment: str) -> subprocess.CompletedProces
     """Run a command with a topic of its own, and remove its files from /dev/shm."""
     name = f"shmgen_test.t{uuid.uuid4().hex}"
     try:
-        words = [str(word) for word in command]
+        arguments = [str(word) for word in command]
         environment = {**os.environ, "TOPIC": f"/{name.replace('.', '/')}", **environment}
-        return subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
+        return subprocess.run(arguments, capture_output=True, text=True, check=False, env=environment)
     finally:
         for file in Path("/dev/shm").glob(f"*{name}*"):
             file.unlink()

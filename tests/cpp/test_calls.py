@@ -120,7 +120,7 @@ def test_cpp_client(language: str, serve: Callable[[str, str], Any], peer: Calla
         assert client.ask(f"ask {question} 0 0 20000") == f"0 {3 * question + 1}"
     assert client.ask("ask 1 0 1 20000") == str(FAILED)
     assert client.ask("ask 2 300 0 20") == str(TIMEOUT)
-    assert client.ask("ask 3 0 0 20000") == "0 10", "its own reply, not that of the call before"
+    assert client.ask("ask 3 0 0 20000") == "0 10", "the reply to this call, not to the call before"
     assert client.ask("send 4 0") == "0"
     while (response := client.ask("poll")) == str(NOTHING):
         pass
@@ -194,7 +194,7 @@ def test_cpp_server_executes_goals_of_python(serve: Callable[[str, str], Any], a
         assert client.result(timeout=20).status == CANCELED
         client.send_goal(action.Count_Goal(target=10**9), timeout=20)
         client.send_goal(action.Count_Goal(target=3), timeout=20)
-        assert client.result(timeout=20).status == SUCCEEDED, "the newer one"
+        assert client.result(timeout=20).status == SUCCEEDED, "the newer goal ends"
 
 
 @pytest.mark.slow

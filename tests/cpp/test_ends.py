@@ -123,7 +123,7 @@ def errors_of(line: str, compiler: str, all_kinds: Path, *options: str) -> str:
 @pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("unshare"), reason="only root can mount over /etc/group")
 def test_group_with_600_members_is_accepted(language: str, program: Path, topic: str, tmp_path: Path) -> None:
-    """Read a group whose members exceed the usual buffer of getgrnam_r."""
+    """Read a group whose member list exceeds the usual buffer of getgrnam_r."""
     members = ",".join(f"member_of_the_cell_{number}" for number in range(600))
     (tmp_path / "group").write_text(f"root:x:0:\ncell:x:4711:{members}\n")
     bind = f'mount --bind {tmp_path}/group /etc/group && exec "$@"'

@@ -99,7 +99,7 @@ def test_c_headers_call_no_function_that_allocates_or_prints(generated: Path, tm
     lines = subprocess.run(["nm", object_file], capture_output=True, text=True, check=True).stdout.splitlines()
     symbols = [(words[-2], words[-1]) for words in map(str.split, lines)]
     assert ("t", "shmgen_publisher_complete") in symbols
-    called = {re.sub(r"^__(\w+)_chk$", r"\1", name) for kind, name in symbols if kind == "U"}  # Ubuntu's gcc fortifies
+    called = {re.sub(r"^__(\w+)_chk$", r"\1", name) for kind, name in symbols if kind == "U"}  # undo gcc's hardening
     assert called <= {name for names in ALLOWED_CALLS.values() for name in names.split()}
     assert not [name for kind, name in symbols if kind in "BbDdCGgSs"]
 

@@ -338,7 +338,7 @@ def test_held_lock_delays_the_writer_only_once(language: str, peer: Start, demo:
 
 
 def test_reader_counts_no_missed_samples_in_a_new_region(language: str, peer: Start, topic: str) -> None:
-    """Take lower sample numbers for those of a recreated region."""
+    """Take sample numbers that jump back for the numbers of a recreated region."""
     process = peer(language)
     assert (process.opens("w", "pub", topic), process.opens("r", "sub", topic)) == (0, 0)
     for a in range(1, 9):

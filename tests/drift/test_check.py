@@ -24,7 +24,7 @@ ARM = "float32[<=4] joints\n"
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A workspace with generated headers, and a cache of its own."""
+    """A workspace with generated headers, and a separate cache."""
     work = tmp_path / "work"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     write(work, {"shmgen.toml": SETTINGS, "msgs/demo_msgs/msg/Robot.msg": ROBOT, "msgs/demo_msgs/msg/Arm.msg": ARM})
@@ -90,7 +90,7 @@ def test_fail_on_selects_the_exit_code(folder: Path, severity: str, fail_on: str
     assert (result.code, result.stdout) == (int(is_failure), "")
     level = "error" if is_failure else "note"
     assert [code for code in codes if f"{level}[{code}]" not in result.stderr] == []
-    assert result.stderr.endswith(f"{len(set(codes))} {severity}\n")  # Robot, which contains Arm, is one of its lines
+    assert result.stderr.endswith(f"{len(set(codes))} {severity}\n")  # Arm's finding includes Robot, which has an Arm
     data = json.loads(check(folder, "--json").stdout)
     assert data["worst"] == severity
     assert [finding["code"] for finding in data["findings"]] == codes
@@ -138,7 +138,7 @@ def test_files_unknown_to_a_new_lock_are_reported_and_kept(folder: Path) -> None
     assert check(folder).code == 0
 
 
-def test_json_output_has_the_documented_keys(folder: Path) -> None:
+def test_json_output_has_stable_keys(folder: Path) -> None:
     write(folder, {"msgs/demo_msgs/msg/Robot.msg": ROBOT.replace("float64 speed", "float32 speed")})
     data = json.loads(check(folder, "--json").stdout)
     assert list(data) == ["worst", "findings"]
@@ -233,7 +233,7 @@ def test_diff_rejects_an_unknown_lock_or_revision(folder: Path, name: str) -> No
 
 @pytest.mark.slow
 def test_killed_generate_leaves_each_file_old_or_new(folder: Path) -> None:
-    """Report the interrupted run. The next run completes all files and removes temporary files."""
+    """Report an incomplete run in `check`. The next run completes all files and removes temporary files."""
     old = tree(folder / "generated")
     write(
         folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n", "shmgen.toml": SETTINGS.replace("c", "python", 1)}
@@ -262,7 +262,7 @@ def test_killed_generate_leaves_each_file_old_or_new(folder: Path) -> None:
 
 @pytest.mark.parametrize("renames", range(0, 9, 2))
 def test_generate_killed_between_two_renames_is_completed(folder: Path, renames: int) -> None:
-    """Stop the process after a given number of renames, which a timed kill seldom hits."""
+    """Stop the process between two renames, because a timed kill seldom hits these moments."""
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n"})
     write(folder, {"shmgen.toml": SETTINGS.replace('"c"', '"c", "python"')})
     shutil.copytree(folder, folder.parent / "whole")

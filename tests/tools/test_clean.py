@@ -75,15 +75,15 @@ def test_clean_refuses_a_region_with_a_plc(topic, file, shmgen):
     stopping = threading.Event()
 
     def send_heartbeats():
-        with file.open("r+b", buffering=0) as opened:
+        with file.open("r+b", buffering=0) as stream:
             beats = 0
             while not stopping.is_set():
                 beats += 1
-                os.pwrite(opened.fileno(), beats.to_bytes(4, "little"), 4 * h.HEARTBEAT)
+                os.pwrite(stream.fileno(), beats.to_bytes(4, "little"), 4 * h.HEARTBEAT)
                 time.sleep(0.01)
 
-    with file.open("r+b", buffering=0) as opened:
-        os.pwrite(opened.fileno(), h.PLC.to_bytes(4, "little"), 4 * h.WRITER)
+    with file.open("r+b", buffering=0) as stream:
+        os.pwrite(stream.fileno(), h.PLC.to_bytes(4, "little"), 4 * h.WRITER)
     plc = threading.Thread(target=send_heartbeats)
     plc.start()
     try:
@@ -131,7 +131,7 @@ def run_in_own_shm(script):
 
 @pytest.mark.slow
 @pytest.mark.skipif(machine.EMULATED, reason="qemu-user has no seccomp")
-def test_all_removes_semaphores_of_killed_creators():
+def test_clean_all_removes_semaphores_of_killed_creators():
     """Stop one process at its link() and one at its unlink(), which seccomp forbids."""
     script = """
 import mmap, os, sys, threading, time
@@ -189,7 +189,7 @@ print(*sorted(os.listdir("/dev/shm")))
     ]  # fmt: skip
 
 
-def test_all_removes_unused_regions_and_keeps_other_files():
+def test_clean_all_removes_unused_regions_and_keeps_other_files():
     script = """
 import os, sys
 from tests.runtime.messages import PosePublisher

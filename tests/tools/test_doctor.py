@@ -156,13 +156,13 @@ def test_depth_or_type_that_differs_from_toml_is_a_fault(entry, message, topic, 
 
 def test_truncated_file_or_other_abi_is_a_fault(topic, file, shmgen):
     shmgen("pub", topic, "std_msgs/String", "--once")
-    with file.open("r+b") as opened:
-        opened.truncate(300)
+    with file.open("r+b") as stream:
+        stream.truncate(300)
     assert "need 704" in find_fault(shmgen, topic)["message"]
-    with file.open("r+b") as opened:
-        opened.truncate(4096)
-        opened.seek(4)
-        opened.write(b"\1")
+    with file.open("r+b") as stream:
+        stream.truncate(4096)
+        stream.seek(4)
+        stream.write(b"\1")
     assert "another version of shmgen created it: ABI 1" in find_fault(shmgen, topic)["message"]
 
 
@@ -254,7 +254,7 @@ def test_user_finds_the_removed_region_of_an_own_process(topic, file, doctor_as_
         findings = [finding for finding in doctor_as_nobody(*topics)["findings"] if finding["topic"] == topic]
         assert [(finding["process"], finding["note"]) for finding in findings] == [(writer.pid, False)]
         assert "still uses a region that was removed" in findings[0]["message"]
-    assert find_fault(shmgen, topic)["process"] == writer.pid  # as root
+    assert find_fault(shmgen, topic)["process"] == writer.pid  # run as root
 
 
 OWN = ["unshare", "-m", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
@@ -286,10 +286,10 @@ publisher = PosePublisher({topic!r})
 
 def test_single_process_in_another_dev_shm_is_a_fault(topic, shmgen, peer, container):
     peer(PUBLISHER.format(topic=topic))
-    inside = container(PUBLISHER.format(topic=topic))
+    process = container(PUBLISHER.format(topic=topic))
     fault = find_fault(shmgen, topic)
     assert "in another /dev/shm, so neither side sees the other" in fault["message"]
-    assert fault["process"] == inside.pid
+    assert fault["process"] == process.pid
 
 
 @pytest.mark.slow

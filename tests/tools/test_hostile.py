@@ -30,9 +30,9 @@ def region(topic, file):
         publisher.publish(pose(1.0))
 
     def write(offset, data):
-        with file.open("r+b") as opened:
-            opened.seek(offset)
-            opened.write(data)
+        with file.open("r+b") as stream:
+            stream.seek(offset)
+            stream.write(data)
 
     return write
 

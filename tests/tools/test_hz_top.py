@@ -56,12 +56,12 @@ def test_hz_counts_overwritten_samples(topic):
 
 def test_delay_uses_the_stamps_of_the_samples():
     header = h.header_for("test_msgs/msg/Any", 0, 8, 1)
-    seen = [reports.Seen(number, 1.0, age) for number, age in enumerate((None, 0.25, 0.75))]
-    report = reports.delay(reports.Window("/any", seen, 0, header, "stamp"))
+    samples = [reports.Seen(number, 1.0, age) for number, age in enumerate((None, 0.25, 0.75))]
+    report = reports.delay(reports.Window("/any", samples, 0, header, "stamp"))
     assert (report.mean, report.shortest, report.longest, report.deviation, report.window) == (0.5, 0.25, 0.75, 0.25, 2)
-    assert reports.delay(reports.Window("/any", seen[:1], 0, header, "stamp")) is None
+    assert reports.delay(reports.Window("/any", samples[:1], 0, header, "stamp")) is None
     with pytest.raises(ValueError, match="/any: its type has no stamp, and its writer has no clock"):
-        reports.delay(reports.Window("/any", seen[:1], 0, header, "the writer's stamp"))
+        reports.delay(reports.Window("/any", samples[:1], 0, header, "the writer's stamp"))
 
 
 def test_rate_is_computed_from_numbers_and_times():
@@ -74,9 +74,9 @@ def test_rate_is_computed_from_numbers_and_times():
     assert compute_rate((2**32 - 1, 10.0), (2, 11.0)).rate == 1.0  # the greatest number, then the number of slots
 
 
-def compute_rate(*seen, missed=0):
+def compute_rate(*samples, missed=0):
     header = h.header_for("test_msgs/msg/Any", 0, 8, 1)
-    return reports.rate(reports.Window("/any", [reports.Seen(*item, None) for item in seen], missed, header, ""))
+    return reports.rate(reports.Window("/any", [reports.Seen(*sample, None) for sample in samples], missed, header, ""))
 
 
 def parse_rows(text, topic):
@@ -110,7 +110,7 @@ def row(topic, rate):
     return overview.Row(topic, "demo_msgs/msg/Long", "42 a longer name", 2, 1.0, rate=rate, lock=0.0)
 
 
-def test_top_counts_what_readers_missed(topic, shmgen):
+def test_top_counts_samples_that_readers_missed(topic, shmgen):
     with PosePublisher(topic, depth=3) as publisher:
         readers = [PoseSubscriber(topic, depth=3) for _ in range(2)]
         for x in range(10):
