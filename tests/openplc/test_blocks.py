@@ -222,17 +222,17 @@ def test_unloaded_program_leaves_no_files_or_mappings(shared: Path, topic: str) 
         subscriber = open_subscriber(program, "Number", topic, _udiEnd=1)
         assert publisher().xSent
         assert subscriber().xNewData
-        assert len(open_resources(topic)) >= 5, "two regions, three semaphores, and two files"
+        assert len(list_resources(topic)) >= 5, "two regions, three semaphores, and two files"
         publisher(xEnable=False)
         assert (publisher.eErrorID, publisher.xBusy, publisher.xError) == (0, 0, 0)
         assert subscriber(xEnable=False).xValid == 0
-        assert open_resources(topic) == [], "a disabled block keeps nothing open"
+        assert list_resources(topic) == [], "a disabled block keeps nothing open"
         call_until_open(publisher(xEnable=True))
         call_until_open(subscriber(xEnable=True))
         assert publisher().xSent
         assert subscriber().xNewData
         program.unload()
-        assert open_resources(topic) == []
+        assert list_resources(topic) == []
 
 
 def test_endpoint_closes_when_its_task_ends(plc: Program, topic: str) -> None:
@@ -241,7 +241,7 @@ def test_endpoint_closes_when_its_task_ends(plc: Program, topic: str) -> None:
     for block in (publisher, subscriber):
         run_in_thread(call_until_open, block)
         assert block.xBusy == 0
-    assert wait_until(lambda: open_resources(topic) == [], within=20), "join() can return before the thread has ended"
+    assert wait_until(lambda: list_resources(topic) == [], within=20), "join() can return before the thread has ended"
     assert call_until_open(publisher)().xSent
     assert call_until_open(subscriber).xValid
 
@@ -257,10 +257,10 @@ def test_endpoint_stays_open_if_each_call_has_its_own_thread(plc: Program, topic
 def test_restarted_program_closes_its_old_endpoint(plc: Program, topic: str) -> None:
     """Let a publisher claim its topic again after Beremiz has restarted the program without loading it again."""
     publisher = open_publisher(plc, "Number", topic)
-    before = len(open_resources(topic))
+    before = len(list_resources(topic))
     publisher._udiEnd = 0
     assert call_until_open(publisher)().xSent
-    assert len(open_resources(topic)) == before
+    assert len(list_resources(topic)) == before
 
 
 def run_in_thread(call: Callable[..., object], *arguments: object) -> None:
@@ -269,7 +269,7 @@ def run_in_thread(call: Callable[..., object], *arguments: object) -> None:
     thread.join()
 
 
-def open_resources(topic: str) -> list[str]:
+def list_resources(topic: str) -> list[str]:
     """Return the mappings and open files of this process that belong to a topic."""
     maps = Path("/proc/self/maps").read_text().splitlines()
     files = [os.readlink(path) for path in Path("/proc/self/fd").iterdir() if path.is_symlink()]

@@ -23,7 +23,7 @@ from ..support.open_plc import Instance, Program
 from ..support.plc_demo import Memory, semaphore
 from ..support.schemas import plain, random_message
 from .conftest import PACKAGE
-from .test_blocks import call_until_open, open_resources, wait_until
+from .test_blocks import call_until_open, list_resources, wait_until
 
 Generated = tuple[Path, dict[str, str], Layouts]
 STATES = ("xDone", "xBusy", "xAborted", "xError")
@@ -368,13 +368,13 @@ def test_action_server_block_ends_goals_with_each_status(block: Any, ros: Any, t
 def test_disabled_call_blocks_close_their_regions(block: Any, plc: Program, topic: str) -> None:
     """Close all regions of disabled blocks. Also report an incompatible service and invalid names."""
     blocks = [block(role) for role in ("Server", "Client", "ActionServer", "ActionClient")]
-    assert len(open_resources(topic)) >= 10, "five regions, from two sides"
+    assert len(list_resources(topic)) >= 10, "five regions, from two sides"
     other = call_while_opening(plc.block("FB_demo_msgs_Stop_Client", xEnable=True, sService=topic))
     assert (other.eErrorID, state(other)) == (22, ""), "another service uses the name"
     other(xEnable=False)
     for instance in blocks:
         instance(xEnable=False)
         assert (instance.xBusy, instance.xError, instance.eErrorID) == (0, 0, 0)
-    assert open_resources(topic) == []
+    assert list_resources(topic) == []
     for name, error in (("", 1), ("//no", 2)):
         assert block("Server", name).eErrorID == block("Client", name).eErrorID == error

@@ -168,7 +168,7 @@ def test_sample_overwritten_during_a_read_is_dropped(demo: Demo, topic: str) -> 
         assert region.method("Cycle")
         publisher.publish(demo.message(1))
         assert region.method("BeginRead", xNewest=True) != 0
-        Memory(topic).poke(192 + 128 + 8, bytes(4))  # as a writer does that continues without the lock
+        Memory(topic).poke(192 + 128 + 8, bytes(4))  # overwrite the sample, as a writer without the lock would
         assert region.method("EndRead") is False
         assert (region.udiSequence, semaphore(topic).value) == (0, 1)
 

@@ -135,7 +135,7 @@ def test_existing_response_is_read_despite_the_timeout(calls: Calls, topic: str)
     assert state(client()) == "xDone"
 
 
-def let_response_arrive_late(calls: Calls, topic: str, fault: str = "") -> tuple[Block, Block]:
+def send_late_response(calls: Calls, topic: str, fault: str = "") -> tuple[Block, Block]:
     """Let the first call time out and send its response while a second call waits for its own response."""
     server, client = ready(calls.server(topic)), ready(calls.client(topic, fault))
     start_call(client, 1)
@@ -148,7 +148,7 @@ def let_response_arrive_late(calls: Calls, topic: str, fault: str = "") -> tuple
 
 
 def test_late_response_is_ignored(calls: Calls, topic: str) -> None:
-    server, client = let_response_arrive_late(calls, topic)
+    server, client = send_late_response(calls, topic)
     assert state(client()) == "xBusy"
     assert (server.Request.question, server.udiCall) == (2, nth(2))
     respond(server, 7)
@@ -197,7 +197,7 @@ def test_new_server_does_not_execute_an_old_call(calls: Calls, topic: str) -> No
     assert (server().xExecute, server.Request.question) == (True, 2)
 
 
-def test_call_from_before_the_server_s_claim_is_dropped(calls: Calls, topic: str) -> None:
+def test_call_from_before_the_claim_is_dropped(calls: Calls, topic: str) -> None:
     ready(calls.server(topic))
     server = ready(calls.server(topic))
     client = ready(calls.client(topic, tTimeout=0))
@@ -339,15 +339,15 @@ def test_every_fault_is_planted() -> None:
 
 
 def test_fault_makes_the_client_ignore_call_numbers(calls: Calls, topic: str) -> None:
-    assert state(let_response_arrive_late(calls, topic, "_any_reply")[1]()) == "xDone", "the fault does nothing"
+    assert state(send_late_response(calls, topic, "_any_reply")[1]()) == "xDone", "the planted fault has no effect"
 
 
 def test_fault_makes_the_client_accept_old_responses(calls: Calls, topic: str) -> None:
-    assert state(recreate_request_region(calls, topic, "_old_replies")()) == "xDone", "the fault does nothing"
+    assert state(recreate_request_region(calls, topic, "_old_replies")()) == "xDone", "the planted fault has no effect"
 
 
 def test_fault_makes_the_server_execute_old_calls(calls: Calls, topic: str) -> None:
-    assert replace_server(calls, topic, "_old_calls")[0]().xExecute, "the fault does nothing"
+    assert replace_server(calls, topic, "_old_calls")[0]().xExecute, "the planted fault has no effect"
 
 
 def test_fault_makes_the_server_end_the_next_call(calls: Calls, topic: str) -> None:
@@ -359,4 +359,4 @@ def test_fault_makes_the_server_end_the_next_call(calls: Calls, topic: str) -> N
     start_call(client, 2)
     server()
     server()
-    assert state(client()) == "xDone", "the fault does nothing"
+    assert state(client()) == "xDone", "the planted fault has no effect"

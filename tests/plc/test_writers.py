@@ -80,7 +80,7 @@ class StoppingMap:
         self.inner[middle : target.stop] = data[middle - target.start :]
 
 
-def stopping_publisher(demo: Demo, topic: str) -> Callable[[], None]:
+def make_stopping_publisher(demo: Demo, topic: str) -> Callable[[], None]:
     def work() -> None:
         with in_python(), demo.python.DemoPublisher(topic) as publisher:
             publisher.publish(demo.message(1))
@@ -122,7 +122,7 @@ def srv(compiled_calls: Calls) -> ModuleType:
 
 
 def test_plc_takes_over_from_python_stopped_in_its_copy(demo: Demo, clock: Clock, topic: str) -> None:
-    with fork_stopped(stopping_publisher(demo, topic)) as pid:
+    with fork_stopped(make_stopping_publisher(demo, topic)) as pid:
         block = set_message(demo.publisher(topic), 20)()
         assert read_newest(demo, topic) == 1
         run_cycles(clock, block, HEAL + CLAIM + CONFIRM + 200)

@@ -2,7 +2,7 @@
 
 blark is an Earley parser and needs 0.25 ms for each character. Comments and needless blanks are therefore removed, and
 names, strings and numbers are replaced by placeholders. Equal texts are then parsed once, and the trees are cached for
-the next run. A thousand generated publishers differ only in their placeholders.
+the next run. A thousand generated publishers differ only in the replaced words.
 """
 
 from __future__ import annotations
