@@ -25,7 +25,7 @@ from .runtime.messages import PosePublisher, pose
 from .softplc import compile_st
 from .support import new_word, region_page
 
-# Written by hand, and not to be edited together with abi.py: existing regions have this layout.
+# These tables are written by hand. Do not edit them together with abi.py, because existing regions have this layout.
 HEADER = {
     "magic": (0, 4, "dwMagic"),
     "abi": (4, 2, "uiAbi"),
@@ -168,7 +168,7 @@ def with_moved_field() -> Iterator[list[HeaderField]]:
         yield words
 
 
-# --- Numbers, and values of header fields ------------------------------------------------------------------------
+# --- Numbers, and values of header fields -------------------------------------------------------------
 
 
 def test_abi_module_matches_the_agreed_tables() -> None:

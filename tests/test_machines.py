@@ -109,7 +109,7 @@ def test_headers_have_the_same_layout_on_all_machines(
 
 @pytest.mark.parametrize("fault", ["no padding", "no packing, no padding"])
 def test_i386_needs_explicit_padding_and_packing(fault: str, layouts: Layouts, tmp_path: Path) -> None:
-    """Fail to compile headers without them: i386 aligns double to 4 bytes, so the layout differs."""
+    """Reject headers without them: i386 aligns double to 4 bytes, so the layout differs and an assertion fails."""
     if shutil.which("i686-linux-gnu-gcc") is None:
         pytest.skip("i686-linux-gnu-gcc is not installed")
     for path, text in headers().items():

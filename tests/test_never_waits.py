@@ -279,7 +279,7 @@ def test_block_does_not_wait_while_it_opens(program: open_plc.Program, topic: st
 
 @pytest.mark.family("openplc-v4")
 def test_open_plc_service_calls_stay_within_limits(program: open_plc.Program, topic: str) -> None:
-    """Call three times. During the last call, another process holds the lock of the responses."""
+    """Call three times. During the last call, the lock of the responses is held."""
     client, server = (
         program.block(f"FB_demo_msgs_Ask_{end}", xEnable=True, sService=topic) for end in ("Client", "Server")
     )
