@@ -496,7 +496,7 @@ def goal_without_server_raises_no_answer(scene: Scene) -> None:
 
 
 def undo_removes_only_its_own_endpoints(scene: Scene) -> None:
-    """Remove these endpoints, and create them again as two reloads of shmgen.toml do."""
+    """Remove endpoints and create them again, as two reloads of shmgen.toml do."""
     other, wire = scene.line(), scene.wire("std_msgs/String")
     for _ in range(2):
         scene.backend.undo = []

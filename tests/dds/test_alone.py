@@ -170,7 +170,7 @@ def test_messages_in_a_removed_region_pass_or_are_counted(rig: BridgeRig) -> Non
     assert rig.back == sorted(rig.back)
 
 
-def test_each_message_is_in_exactly_one_counter(rig: BridgeRig) -> None:
+def test_message_is_in_exactly_one_counter(rig: BridgeRig) -> None:
     """Count messages that pass, and messages that arrive while a PLC holds the topic."""
     names = ("passed", "rejected", "missed", "refused", "lost", "rate limited")
 

@@ -159,7 +159,7 @@ def test_non_utf8_is_logged(graph: backend.Graph, domain: int, schema: Schema, t
 def test_user_data_of_two_peers_is_not_mixed(
     graph: backend.Graph, schema: Schema, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Guard against Cyclone's shared buffer, which once mixed two peers' user data so that a valid call was lost."""
+    """Keep the user data of two peers apart, although Cyclone's Python shares one buffer between all reads."""
     ends, kind = graph._ends, structure(wire(schema, topic, "std_msgs/String").messages)
     qualities = [quality(qos.Qos(True, False), 1, f"who={number};") for number in range(2)]
     writers = [ends.writer(f"rt{topic}{number}", kind, qos) for number, qos in enumerate(qualities)]
