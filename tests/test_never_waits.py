@@ -172,6 +172,7 @@ def ends(cycles: ctypes.CDLL, request: pytest.FixtureRequest, topic: str) -> Ite
 
 
 @pytest.mark.parametrize(("name", "state"), C)
+@pytest.mark.slow
 def test_c_and_cpp_stay_within_limits(ends: Ends, topic: str, name: str, state: str) -> None:
     bring_into_state(state, topic, lambda: ends.call("try_publish"))
     assert_bounded(ends.count(name), C[name, state])

@@ -110,6 +110,7 @@ def test_readme_names_only_existing_function_blocks() -> None:
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="no g++: apt-get install g++")
+@pytest.mark.slow
 def test_make_demo_succeeds() -> None:
     result = subprocess.run(["make", "demo"], cwd=REPOSITORY, capture_output=True, text=True, check=False, timeout=300)
     assert result.returncode == 0, result.stdout + result.stderr

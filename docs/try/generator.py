@@ -2,11 +2,11 @@
 
 The page keeps the user's input as one object, called the state:
 
-    source    the built-in store, such as "jazzy"
-    files     path -> text of definitions, such as "my_msgs/msg/Job.msg"
-    messages  types chosen from the store, such as "geometry_msgs/Pose"
-    topics    objects with the keys topic, type, direction and depth, as in shmgen.toml
-    bounds    key of [bounds] in shmgen.toml -> number of elements
+    * source: the built-in store, such as "jazzy"
+    * files: path -> text of definitions, such as "my_msgs/msg/Job.msg"
+    * messages: types from the store, such as "geometry_msgs/Pose"
+    * topics: objects with the keys topic, type, direction and depth, as in shmgen.toml
+    * bounds: key of [bounds] in shmgen.toml -> number of elements
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def run(state: dict[str, Any], folder: str = "/work") -> dict[str, Any]:
         result["files"] = pipeline.render_layouts(config, layouts)
         result["messages"] = [_message(name, layouts) for name, layout in layouts.items() if layout.requested]
     except Rejected as rejected:
-        result["diagnostics"] = [_diagnostic(found) for found in rejected.diagnostics]
+        result["diagnostics"] = [_diagnostic(entry) for entry in rejected.diagnostics]
     return result
 
 
@@ -105,8 +105,8 @@ def _place(span: Any) -> dict[str, Any]:
     return {"path": span.path, "line": span.line, "column": span.column, "width": span.width}
 
 
-def _diagnostic(found: Diagnostic) -> dict[str, Any]:
-    return {"code": found.code, "text": str(found), **_place(found.span)}
+def _diagnostic(entry: Diagnostic) -> dict[str, Any]:
+    return {"code": entry.code, "text": str(entry), **_place(entry.span)}
 
 
 def _message(name: TypeName, layouts: Layouts) -> dict[str, Any]:
@@ -135,14 +135,14 @@ def unzipped(name: str, content: bytes) -> dict[str, str]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         paths = [PurePosixPath(path) for path in archive.namelist()]
         roots = {root for path in paths if (root := _package_of(path))}
-        found = {}
+        texts = {}
         for path in paths:
             root = path.parent if path.name == "package.xml" else _package_of(path)
             if root in roots:
                 package = root.name or Path(name).stem
                 text = archive.read(str(path)).decode("utf-8")
-                found[str(package / path.relative_to(root))] = text
-    return found
+                texts[str(package / path.relative_to(root))] = text
+    return texts
 
 
 def _package_of(path: PurePosixPath) -> PurePosixPath | None:

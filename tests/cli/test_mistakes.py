@@ -165,6 +165,7 @@ WORDS = [
 
 
 @pytest.mark.parametrize("word", WORDS)
+@pytest.mark.family("[wchar]", "[Pose]", "[float46]", "[uint8_t]")
 def test_hint_suggests_neither_the_message_nor_the_input(tmp_path: Path, word: str) -> None:
     put({FOO: f"{word} x\n", "msgs/demo_msgs/msg/Bar.msg": "int8 x\n"}, tmp_path)
     for name in ("Foo", "F", "A"):

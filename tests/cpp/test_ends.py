@@ -56,7 +56,7 @@ def all_kinds(generated: Path) -> Path:
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.family("[g++]")
+@pytest.mark.slow
 def test_cpp_api_passes_under_sanitizers(compiler: str, all_kinds: Path, topic: str) -> None:
     """Run with sanitizers, because they detect overlapping copies that a plain run may not show."""
     options = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0"]

@@ -49,7 +49,7 @@ def test_aarch64_exchanges_samples_with_python(generated: Path, demo: Demo, topi
 
 
 @pytest.mark.parametrize("machine", MACHINES)
-@pytest.mark.family("i386")
+@pytest.mark.slow
 def test_machines_exchange_samples_with_python_without_a_lock(
     machine: str, generated: Path, demo: Demo, topic: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

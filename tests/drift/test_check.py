@@ -261,6 +261,7 @@ def test_killed_generate_leaves_each_file_old_or_new(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("renames", range(0, 9, 2))
+@pytest.mark.family("[4]")
 def test_generate_killed_between_two_renames_is_completed(folder: Path, renames: int) -> None:
     """Stop the process between two renames, because a timed kill seldom hits these moments."""
     write(folder, {"msgs/demo_msgs/msg/Arm.msg": f"{ARM}bool last\n"})

@@ -305,6 +305,7 @@ DECLARED = [
 
 
 @pytest.mark.parametrize(("own", "name"), DECLARED)
+@pytest.mark.family("own7")
 def test_blocks_are_refused_in_retained_memory(tmp_path: Path, own: str, name: str) -> None:
     """Refuse the declaration: after a power failure, the pointers would be restored, but not the mapped memory."""
     put(MESSAGES, tmp_path)

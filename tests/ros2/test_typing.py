@@ -13,7 +13,7 @@ from ..support import ros2
 
 @pytest.mark.parametrize("distribution", ros2.DISTRIBUTIONS)
 def test_ros2_backend_type_checks_with_rclpy(distribution: str) -> None:
-    files = sorted((REPOSITORY / "src" / "shmgen" / "bridge").glob("ros2*.py"))
+    files = sorted((REPOSITORY / "src" / "shmgen" / "bridge" / "ros2").glob("*.py"))
     python = ros2.prefix(distribution) / "bin" / "python"
     # Parts of rclpy have no annotations, and its __init__ exports what it imports.
     loose = ["--implicit-reexport", "--allow-untyped-calls", "--cache-dir", f".mypy_cache/{distribution}"]

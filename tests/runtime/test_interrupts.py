@@ -67,13 +67,6 @@ def interrupt_at(step, call):
         return thread.submit(run).result()
 
 
-@pytest.fixture
-def sides(topic, each_engine):
-    with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        publisher.publish(pose(0))
-        yield publisher, subscriber
-
-
 def check_health(publisher, subscriber, number):
     """Check that the lock is free, that nobody repairs the lock, and that the next sample arrives."""
     region = region_of(publisher)

@@ -172,6 +172,7 @@ BROKEN: dict[str, tuple[contract.Check, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("omission", BROKEN)
+@pytest.mark.family("[to escape comments]", "[to check types]")
 def test_contract_detects_an_omission(omission: str) -> None:
     check, parts = BROKEN[omission]
     with pytest.raises(AssertionError):

@@ -102,6 +102,7 @@ def kaitai_language(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.family("[comments_stay_comments]")
 def test_kaitai_target_passes_contract(check: contract.Check) -> None:
     check(kaitai_target())
 

@@ -297,6 +297,7 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize("hostile", HOSTILE)
+@pytest.mark.family("[// twice]", "[*)]")
 def test_comments_stay_comments(tmp_path: Path, hostile: str) -> None:
     doc = f"# {hostile}\n"
     messages = {"A": f"{doc}\n{doc}{doc}uint8 x\nuint8 y  # {hostile}\n{doc}uint8 C=1  # {hostile}\n"}

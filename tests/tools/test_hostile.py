@@ -91,6 +91,7 @@ def test_escape_sequences_in_a_value_are_escaped(topic, shmgen):
         (4, struct.pack("<H", 7), "ABI 7"),
     ],
 )
+@pytest.mark.family("ABI 7")
 def test_damaged_header_is_reported_by_every_tool(topic, file, region, shmgen, offset, data, message):
     region(offset, data)
     other = f"{topic}_whole"
