@@ -154,6 +154,8 @@ def main() -> None:
     args = parser.parse_args()
     groups, survivors = plan()
     files = [file for group in groups for file in group.files if any(fnmatch(file, p) for p in args.files or ["*"])]
+    if not files:
+        parser.error(f"mutants.toml names no file that matches {' '.join(args.files)}")
     every = [mutant for file in files for mutant in mutants_of(file, (REPOSITORY / CODE / file).read_bytes())]
     mutants, _ = unexplained(every, survivors)
     print(f"{len(every)} mutants of {len(files)} files, {len(every) - len(mutants)} explained", flush=True)
