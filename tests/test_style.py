@@ -6,9 +6,7 @@ The rules are those of CONTRIBUTING.md, section "Words". Each count below may on
 from __future__ import annotations
 
 import ast
-import io
 import re
-import tokenize
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
@@ -69,10 +67,16 @@ def all_findings() -> Iterator[Finding]:
                 yield from comment_findings(file)
 
 
+STRING_OR_COMMENT = re.compile(
+    r""""{3}.*?"{3}|'{3}.*?'{3}|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|(#[^\n]*)""", re.DOTALL
+)
+
+
 def python_findings(file: Path) -> Iterator[Finding]:
     """Yield the findings in docstrings, comments, and names of one module."""
     text, place = file.read_text(), str(file.relative_to(REPOSITORY))
-    for node in ast.walk(tree := ast.parse(text)):
+    nodes = list(ast.walk(ast.parse(text)))
+    for node in nodes:
         is_documented = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module)
         if is_documented and (doc := ast.get_docstring(node)):
             yield from prose_findings(
@@ -83,14 +87,14 @@ def python_findings(file: Path) -> Iterator[Finding]:
         for name in bound_names(node):
             if name.strip("_") in NAMES:
                 yield Finding("name", f"{place}:{getattr(node, 'lineno', 0)}", name)
-    for body in (node.body for node in ast.walk(tree) if isinstance(node, ast.ClassDef | ast.Module)):
+    for body in (node.body for node in nodes if isinstance(node, ast.ClassDef | ast.Module)):
         for before, after in pairwise(body):
             is_text = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
             if isinstance(before, ast.Assign | ast.AnnAssign) and is_text and isinstance(after.value.value, str):
                 yield from prose_findings(f"{place}:{after.lineno}", after.value.value)
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.COMMENT and not re.match(r"# (noqa|type:|fmt|ruff|pragma)", token.string):
-            yield from prose_findings(f"{place}:{token.start[0]}", token.string.lstrip("# "))
+    for match in STRING_OR_COMMENT.finditer(text):
+        if (comment := match[1]) and not re.match(r"# (noqa|type:|fmt|ruff|pragma)", comment):
+            yield from prose_findings(f"{place}:{text.count(chr(10), 0, match.start()) + 1}", comment.lstrip("# "))
 
 
 def bound_names(node: ast.AST) -> Iterator[str]:

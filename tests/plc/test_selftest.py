@@ -238,4 +238,4 @@ def test_docs_contain_the_keys_of_the_report() -> None:
         assert set(named) <= set(keys), point
     page = (REPOSITORY / "docs/guarantees.md").read_text()
     assert re.findall(r"^\| `([\w-]+)` \|", page, re.MULTILINE) == keys
-    assert page.count("No report has come yet.") == 1
+    assert page.count("No user has sent a report yet.") == 1

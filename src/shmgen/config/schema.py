@@ -38,7 +38,7 @@ def _rows() -> Iterator[str]:
         yield f"| {name} | {_type(key)} | {default} | {key.meaning} |"
         if key.section in FREE_SECTIONS and key == keys_of(key.section)[-1]:
             name = f'`{header(key.section)}` `"package/Message.field"`'
-            yield f"| {name} | 1 to {MAX_NUMBER} | | Replaces `default` for one field, message or package. |"
+            yield f"| {name} | 1 to {MAX_NUMBER} | | Replaces the key `default` for one field, message or package. |"
 
 
 def _type(key: Key) -> str:
