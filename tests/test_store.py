@@ -79,11 +79,11 @@ def test_page_lists_all_distributions() -> None:
     assert [name for name, _ in DISTRIBUTIONS] == ["Humble", "Jazzy", "Kilted", "Lyrical"]
 
 
-def test_inventory_has_no_unbounded_message_with_bounds(bounded: Config) -> None:
+def test_default_bound_gives_every_message_a_size(bounded: Config) -> None:
     assert [entry for entry in pipeline.inventory(bounded) if entry.size is None] == []
 
 
-def test_all_messages_have_the_layout_in_ctypes(store: tuple[Path, Layouts]) -> None:
+def test_ctypes_has_the_computed_layout_of_all_messages(store: tuple[Path, Layouts]) -> None:
     folder, layouts = store
     assert len(layouts) == 162
     for name, layout in layouts.items():

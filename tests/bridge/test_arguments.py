@@ -71,7 +71,7 @@ def test_parameter_file_of_launch_is_read(tmp_path: Path) -> None:
     ],
 )
 def test_parameter_with_a_node_name_is_for_that_node_only(words: str, parameters: dict[str, str]) -> None:
-    """Return the parameters that rclpy in Jazzy returns, for the names that both accept."""
+    """Return what rclpy of Jazzy returns, for node names that shmgen and rclpy accept."""
     assert parse(("--ros-args", *words.split()), "bridge").parameters == parameters
 
 

@@ -58,8 +58,8 @@ def start_zenoh(folder: Path, number: int) -> Any:
     return graph, graph.start([sys.executable, "-m", "tests.bridge.contract", "zenoh"])
 
 
-def start_memory(folder: Path, number: int) -> Any:
-    """Start the checks of the page's backend in a copy of the repository."""
+def start_example_backend(folder: Path, number: int) -> Any:
+    """Start the contract's checks of the backend in docs/adding-a-backend.md, in a copy of the repository."""
     pages.follow(PAGE, "memory_backend", pages.copy(folder))
     domain = Domain(folder, number)
     environment = {"PYTHONPATH": f"{folder / 'src'}:{folder}"}
@@ -72,7 +72,7 @@ BACKENDS: dict[str, Callable[[Path, int], Any]] = {
     "ros2 kilted": start_ros2("kilted"),
     "dds": start_dds,
     "zenoh": start_zenoh,
-    "memory": start_memory,
+    "memory": start_example_backend,
 }
 """Functions that start the checks of a backend. They return the graph to close, and the process."""
 

@@ -144,7 +144,7 @@ def test_overflow_truncate_shortens_long_values(open_line: Callable[..., Line]) 
     assert "truncated: name: 12 bytes" in line.log[0]
 
 
-def test_field_with_padding_after_its_count_is_truncated() -> None:
+def test_sequence_with_padding_after_its_count_is_truncated() -> None:
     config = Config(Path.cwd(), bounds=Bounds({}, {"sensor_msgs": Bound(2, Span("x"))}))
     kind = Session(config).message("sensor_msgs/JointState")
     assert any(step.offset > step.count_at + 4 > 4 for step in kind._steps_), "there is no gap"

@@ -188,7 +188,7 @@ def with_unknown_lock_version(folder: Path) -> Path:
 @pytest.mark.parametrize(
     "obstacle", ["generated/layout.lock/x", "generated/st/std_msgs/GVL_std_msgs_Bool.st/x", "generated/python"]
 )
-def test_obstacle_prevents_all_writes(tmp_path: Path, obstacle: str) -> None:
+def test_no_file_is_written_if_one_cannot_be_written(tmp_path: Path, obstacle: str) -> None:
     run_ok(tmp_path, "generate geometry_msgs/Point")
     write(tmp_path, {"shmgen.toml": 'messages = ["std_msgs/Bool"]'})
     for path in (tmp_path / obstacle, (tmp_path / obstacle).parent):

@@ -182,8 +182,10 @@ def test_old_sample_is_invalid_in_the_new_region(before: Version, after: Version
 
 
 @pytest.mark.parametrize("name", ["Demo_Publisher", "Demo_Subscriber"])
-def test_method_called_before_the_block_writes_nothing(before: Version, after: Version, topic: str, name: str) -> None:
-    """Return FALSE from Read and Write, because the runtime has called FB_Reinit before."""
+def test_method_writes_nothing_before_the_block_is_called(
+    before: Version, after: Version, topic: str, name: str
+) -> None:
+    """Return FALSE from Read and Write after an online change, until the block is called."""
     old = ready(block(before, name, topic))
     with before.python.DemoPublisher(f"{topic}/other"):
         bytes_before = Memory(topic).bytes()[192:]

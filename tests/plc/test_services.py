@@ -346,11 +346,11 @@ def test_fault_makes_the_client_accept_old_responses(calls: Calls, topic: str) -
     assert state(recreate_request_region(calls, topic, "_old_replies")()) == "xDone", "the planted fault has no effect"
 
 
-def test_fault_makes_the_server_execute_old_calls(calls: Calls, topic: str) -> None:
+def test_planted_fault_executes_old_calls(calls: Calls, topic: str) -> None:
     assert replace_server(calls, topic, "_old_calls")[0]().xExecute, "the planted fault has no effect"
 
 
-def test_fault_makes_the_server_end_the_next_call(calls: Calls, topic: str) -> None:
+def test_planted_fault_ends_the_next_call(calls: Calls, topic: str) -> None:
     server, client = ready(calls.server(topic, "_early_end")), ready(calls.client(topic))
     start_call(client, 1)
     server()

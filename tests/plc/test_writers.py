@@ -293,8 +293,8 @@ def test_close_releases_only_its_own_claim(demo: Demo, topic: str) -> None:
         assert (again.xBusy, again.xSent) == (True, False)  # the block watches the topic
 
 
-def test_skipped_number_stays_skipped_after_close(demo: Demo, clock: Clock, topic: str) -> None:
-    """Skip the number again, because the writer that reserved it may still write."""
+def test_next_writer_also_skips_the_reserved_number(demo: Demo, clock: Clock, topic: str) -> None:
+    """Skip the sample number that a stopped writer reserved, because this writer may still write it."""
     with demo.python.DemoPublisher(topic) as publisher:
         publisher.publish(demo.message(1))
         block = demo.publisher(topic, xSend=False)

@@ -90,7 +90,7 @@ def main() -> None:
 
 
 def measure(backend: str, seconds: float) -> int:
-    """Print a line for each echo and for each bridge of a backend. Return how many messages the bridges lost."""
+    """Print a line for each echo node and for each bridge. Return the number of messages that the bridges lost."""
     space, lost = f"/load{os.getpid()}", 0
     print(backend)
     with tempfile.TemporaryDirectory() as folder:

@@ -60,8 +60,8 @@ class Machine:
     before: tuple[str, ...] = ()
 
     @property
-    def without(self) -> tuple[str, ...]:
-        """The options that exclude parts of the chaos, because compilers are slow under an emulator."""
+    def chaos_options(self) -> tuple[str, ...]:
+        """The options that leave out the parts of rigs/chaos.py with compilers, which are slow under an emulator."""
         return ("--no-plc", "--no-cpp") if self.emulator else ()
 
 
@@ -104,7 +104,7 @@ class Commands:
 
     python: tuple[str, ...]
     tests: list[str]
-    without: tuple[str, ...] = ()
+    chaos_options: tuple[str, ...] = ()
     """Options that exclude parts of the chaos."""
     slower: int = 1
 
@@ -114,7 +114,7 @@ class Commands:
         return *self.python, "-m", "pytest", "-p", "no:cacheprovider", limit, UNTESTED, *(self.tests or TESTS)
 
     def chaos(self, seconds: float) -> tuple[str, ...]:
-        return *self.python, "-m", "tests.rigs.chaos", "--seed", "1", "--seconds", str(seconds), *self.without
+        return *self.python, "-m", "tests.rigs.chaos", "--seed", "1", "--seconds", str(seconds), *self.chaos_options
 
 
 def run(command: tuple[str, ...]) -> tuple[int, str]:
@@ -150,7 +150,7 @@ def for_root(name: str, folder: Path, tests: list[str]) -> Commands:
     slower = SLOWER if machine.emulator else 1
     variables = ("PATH=/usr/sbin:/usr/bin", "HOME=/root", "LANG=C.UTF-8", f"{PATIENCE}={slower}")
     command = (*enter, *machine.before, "env", "-i", "-C", str(INSIDE), *variables, "python3")
-    return Commands(command, tests, machine.without, slower)
+    return Commands(command, tests, machine.chaos_options, slower)
 
 
 def prepare_root(machine: Machine, folder: Path) -> Path:

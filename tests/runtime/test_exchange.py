@@ -371,7 +371,7 @@ def test_ready_waits_and_reads_nothing(topic, other):
 
 
 @pytest.mark.usefixtures("on_x86")
-def test_x86_continues_without_a_busy_lock(topic, other):
+def test_x86_exchanges_samples_while_the_lock_is_held(topic, other):
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
         publisher.publish(pose(1))
         holder = other("hold", topic)

@@ -190,7 +190,7 @@ def test_semaphore_changed_before_opening_is_retried_or_refused(topic, monkeypat
 
 @in_python
 def test_region_removed_by_its_creator_is_recreated(topic, file, monkeypatch):
-    """Recreate a region that its creator removed between this opening and the last check."""
+    """Recreate a region that its creator removes while another endpoint opens it."""
     complete = opening._complete_header
     calls = []
 

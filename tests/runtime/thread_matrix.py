@@ -70,7 +70,7 @@ def find_calls(kind: type) -> dict[str, Call]:
 
 
 def remove(topic: str, end: Any) -> None:
-    """Remove the file and mark the region, as another endpoint does that finds the file removed."""
+    """Remove the file and set `retired`, as `shmgen clean` does."""
     words = region_of(topic).words
     (Path("/dev/shm") / region_name(topic)).unlink()
     words[h.RETIRED] = 1

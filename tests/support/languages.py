@@ -122,8 +122,8 @@ def matiec_tokens(text: str) -> list[str]:
     return st_tokens(_BODY.sub("", text))
 
 
-def embedded_tokens(text: str) -> list[str]:
-    """Return only the tokens of structures and classes. Names in other code have their own scopes."""
+def type_tokens(text: str) -> list[str]:
+    """Return only the tokens of structures and classes, because names in other code have their own scopes."""
     return [token for match in _STRUCTURE.finditer(text) for token in c_tokens(match[0])]
 
 
@@ -135,7 +135,7 @@ def stlib_tokens(text: str) -> list[str]:
             for key, inner in value.items():
                 yield f"<{key}"
                 if key in ("header", "cpp"):
-                    yield from embedded_tokens(inner)
+                    yield from type_tokens(inner)
                 elif key == "kind":
                     yield f"<{inner}"
                 elif key not in ("documentation", "description"):
@@ -240,7 +240,7 @@ LANGUAGES = [
         Language(lambda text: []),
     ),  # by hand: tests/test_builds.py
     *((path, _BESIDE_ROS) for path in ("cpp_ros?/*", "ros2_c*/include/*", "ros2_c*/src/*")),
-    ("matiec/*.h", Language(embedded_tokens, _c, C_WORDS, name=_NAME)),
+    ("matiec/*.h", Language(type_tokens, _c, C_WORDS, name=_NAME)),
     ("*.h", _C),
     ("*.hpp", _C),
     ("matiec/*.st", Language(matiec_tokens, _open_plc, ST_WORDS, ignores_case=True, name=_IN_MATIEC)),

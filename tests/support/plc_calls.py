@@ -160,7 +160,10 @@ def nth(number: int) -> int:
 
 @dataclass(frozen=True)
 class Calls:
-    """The compiled PLC. `folder` has the generated Python in `python/`, and `plc/plc.so` for other processes."""
+    """A service and an action, compiled for the PLC.
+
+    `folder` has the generated Python in `python/`, and `plc/plc.so` for other processes.
+    """
 
     plc: Plc
     folder: Path

@@ -86,7 +86,7 @@ def test_comments_units_and_folders_do_not_change_code(comment: str, other: str,
 @given(st.lists(pieces | st.text(letters, max_size=4) | st.sampled_from("\n\r\t"), max_size=6).map("".join))
 @settings(fast_settings, max_examples=40)
 def test_strings_keep_their_values(text: str) -> None:
-    """Keep constants and defaults: an equal value in Python, one literal in C, and the standard literal in ST."""
+    """Keep constants and defaults as equal values in Python, and as literals of IEC 61131-3 in Structured Text."""
     texts = generate(definition(text=text))
     code_by_path(texts)
     message_class = python_class(texts)

@@ -391,7 +391,7 @@ def test_script_imports_objects_and_keeps_those_of_the_user(
 
 
 def test_script_reports_missing_libraries(script: Path) -> None:
-    """Reopen the project if no library is installed, and if one of two libraries does not resolve."""
+    """Warn if no library is installed, and if one of two libraries does not resolve."""
     ide = Ide(libraries=())
     ide.run(script)
     ide.open_again()

@@ -75,7 +75,7 @@ def test_new_object_has_defaults_and_constants(demo: ModuleType) -> None:
     assert (demo.Robot.IDLE, demo.Robot.GREETING, demo.Robot.HALF) == (0, 'say "hi"', 0.5)
 
 
-def test_members_behave_as_in_ros(demo: ModuleType) -> None:
+def test_fields_are_set_and_printed_as_in_ros(demo: ModuleType) -> None:
     msg = demo.Robot(label="x", joints=[demo.Joint(name="a"), demo.Joint(name="b")], image=b"\x01\x02", tags=["q"])
     msg.joints[1].turns = 7
     msg.axis[2] = 9.0

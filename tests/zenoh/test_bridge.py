@@ -371,7 +371,9 @@ def test_subscriber_token_equals_that_of_the_sdk(cell: Graph, space: str) -> Non
         ("ROS_DOMAIN_ID", "x", "a domain is a number from 0 to 232, not 'x' as ROS_DOMAIN_ID says"),
     ],
 )
-def test_wrong_variable_ends_the_bridge(graph: Graph, space: str, variable: str, value: str, why: str) -> None:
+def test_invalid_environment_variable_ends_the_bridge(
+    graph: Graph, space: str, variable: str, value: str, why: str
+) -> None:
     graph.environment[variable] = value
     bridge = graph.bridge(topic(f"{space}/x", "std_msgs/Int32"), ready=False)
     assert bridge.process.wait(30) == 1
