@@ -201,7 +201,7 @@ def choose_engine(stage: Stage, rng: random.Random) -> None:
 
 
 def be_slow(side: Any, stage: Stage, rng: random.Random) -> None:
-    """Slow down endpoints in Python: some always use the lock, and half of them copy small samples slowly."""
+    """Make endpoints in Python slow: some always use the lock, and half of them copy small samples slowly."""
     if not isinstance(side._end, (reference.Writer, reference.Reader)):
         return
     side._end.lock.keeps_order &= rng.random() < 0.7
