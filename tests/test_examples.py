@@ -18,7 +18,7 @@ from .conftest import REPOSITORY
 from .support import import_or_skip, rclcpp, ros1, ros2
 
 OUTPUT = {
-    "moving_pose": "400 poses crossed",
+    "moving_pose": "400 poses received",
     "softplc_echo": "received by the PLC",
     "opcua_gateway": "name = ['shoulder', 'elbow']",
     "bridge_ros1": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
@@ -26,8 +26,8 @@ OUTPUT = {
     "machine_tending": "machine works on part 4: 3 parts taken",
     "robot_task": "3 tasks done, 1 refused",
     "robot_action": "3 tasks done, 1 refused, 1 cancelled",
-    "dds_chatter": "the PLC has heard 5",
-    "zenoh_drive": "5 setpoints, and half of each was reached",
+    "dds_chatter": "a late subscriber receives the last count: 5",
+    "zenoh_drive": "5 setpoints: the drive reached half of each",
     "press_service": "3 made",
     "open_plc": "generated for OpenPLC and Beremiz: openplc/shm_msgs.stlib",
     "ros1_cpp": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",

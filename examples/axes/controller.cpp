@@ -38,7 +38,7 @@ int main(int count, char **words)
         if (states.is_stale(50ms) != silent) {
             silent = !silent;
             lost += silent ? 1 : 0;
-            std::printf("%s at %zu ms\n", silent ? "PLC silent" : "PLC heard", cycle);
+            std::printf("%s at %zu ms\n", silent ? "PLC stale" : "PLC alive", cycle);
             std::fflush(stdout);
         }
         const bool last = cycle + 500 > cycles; // come to rest, then disable
@@ -48,7 +48,7 @@ int main(int count, char **words)
             command.position[axis] = std::sin(0.002 * static_cast<double>(cycle) + static_cast<double>(axis));
         unsent += commands.try_publish(command) ? 0 : 1;
     }
-    std::printf("%zu cycles, %zu not sent, %zu states heard, PLC lost %zu times, state %d\n", cycles, unsent, heard, lost,
-                int(state.state));
+    std::printf("%zu cycles, %zu commands not sent, %zu states received, PLC stale %zu times, final state %d\n", cycles,
+                unsent, heard, lost, int(state.state));
     return unsent == 0 ? 0 : 1;
 }

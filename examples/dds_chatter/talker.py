@@ -53,7 +53,7 @@ def main() -> int:
         time.sleep(0.2)
     late = Qos(Policy.Durability.TransientLocal, base=RELIABLE)
     count = DataReader(node, Topic(node, "rt/plc/count", UInt32), late).take_one(timeout=10**10)
-    print(f"   who comes late is told: the PLC has heard {count.data_}", flush=True)
+    print(f"   a late subscriber receives the last count: {count.data_}", flush=True)
     return 0 if count.data_ == WORDS else 1
 
 

@@ -32,7 +32,7 @@ def main(topic: str) -> int:
                     f"  yaw {yaw:5.1f}  {age:5.0f} us"
                 )
         print(draw(seen))
-        print(f"   {len(seen)} poses crossed, {subscriber.missed} missed")
+        print(f"   {len(seen)} poses received, {subscriber.missed} missed")
     return 0 if len(seen) == SAMPLES else 1
 
 

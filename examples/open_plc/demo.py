@@ -26,7 +26,8 @@ def main() -> int:
             print(f"   generated for OpenPLC and Beremiz: {name}, {size} bytes")
         matiec = os.environ.get("MATIEC", "")
         if not matiec:
-            print("\nNo MATIEC: set it to the folder of a built matiec, see docs/openplc.md, and it runs.")
+            hint = "To run the conveyor, set MATIEC to the folder of a built matiec: see docs/openplc.md."
+            print(f"\nMATIEC is not set. {hint}")
             return 0
         compile_by(Path(matiec), output)
         here.start_program("PLC", output / "plc", ready="running")

@@ -49,7 +49,7 @@ def main(run: str, unloading: str) -> int:
         except CallTimeout as error:
             print(f"   5 parts within 0.03 s: {error}")
         late = client.call(Run_Request(parts=2, force=25.0), timeout=10)
-        print(f"   2 parts: {late.made} made; what the press did for the call before is no answer to this one")
+        print(f"   2 parts: {late.made} made; this response is not the late result of the previous call")
     is_over.set()
     thread.join()
     return 0 if response.made == 3 and late.made == 2 and parts == [1, 2, 3, 1, 2, 3, 4, 5, 1, 2] else 1

@@ -146,7 +146,10 @@ def main() -> int:
         wait(lambda: all(machine.statistics()["calls"] for machine in both))
         wait(lambda: not any(machine.statistics()["stale_since"] for machine in both))
         again = time.monotonic() - begun
-        print(f"  bridge of b killed: xStale after {max(stale):.1f} s; all flows {again:.1f} s after it runs")
+        print(
+            f"  bridge of b killed: xStale after {max(stale):.1f} s; all topics and services recovered"
+            f" {again:.1f} s after its restart"
+        )
     return 0
 
 

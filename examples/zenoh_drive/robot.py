@@ -30,7 +30,7 @@ def main() -> int:
         print(f"   setpoint {number:g}       PLC: {reached:g}", flush=True)
         if reached != number / 2:
             return 1
-    print("   5 setpoints, and half of each was reached", flush=True)
+    print("   5 setpoints: the drive reached half of each", flush=True)
     return 0
 
 
