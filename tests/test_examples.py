@@ -22,7 +22,7 @@ OUTPUT = {
     "softplc_echo": "received by the PLC",
     "opcua_gateway": "name = ['shoulder', 'elbow']",
     "bridge_ros1": "the belt ran at 1.2, 0.6, 0.15, 0 m/s",
-    "bridge_ros2": "the robot says nothing: the feeder runs at 0.0 m/s",
+    "bridge_ros2": "the robot sends nothing: the feeder runs at 0.0 m/s",
     "machine_tending": "machine works on part 4: 3 parts taken",
     "robot_task": "3 tasks done, 1 refused",
     "robot_action": "3 tasks done, 1 refused, 1 cancelled",

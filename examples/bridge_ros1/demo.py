@@ -33,7 +33,7 @@ def main() -> int:
                 break
         speeds = [ros.speed_with_robot_at(x) for x in (3.0, 1.0, 0.25)]
         time.sleep(FORGET)
-        print("\n   the robot says nothing more", flush=True)
+        print("\n   the robot sends nothing more", flush=True)
         speeds.append(ros.speed())
     print(f"\n   the belt ran at {', '.join(f'{speed:g}' for speed in speeds)} m/s", flush=True)
     return 0 if speeds == [1.2, 0.6, 0.15, 0.0] else 1

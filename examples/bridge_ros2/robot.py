@@ -33,12 +33,12 @@ def main() -> int:
                 message.pose.position.x = x
                 pose.publish(message)
             rclpy.spin_once(node, timeout_sec=0.05)
-        state = "the robot says nothing" if x is None else f"the robot is at {x:g} m"
+        state = "the robot sends nothing" if x is None else f"the robot is at {x:g} m"
         print(f"   {state}: the feeder runs at {speeds[-1] if speeds else '?'} m/s", flush=True)
         return speeds[-1:] == [speed]
 
     done = [wait_for_speed(x / 2, x) for x in (3.0, 1.0, 0.5)] + [wait_for_speed(0.0, None)]
-    print(f"   {sum(done)} of 4 as it should be", flush=True)
+    print(f"   {sum(done)} of 4 as expected", flush=True)
     node.destroy_node()
     rclpy.shutdown()
     return 0 if all(done) else 1

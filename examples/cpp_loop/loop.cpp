@@ -72,7 +72,7 @@ int main(int count, char **words)
     std::sort(late.begin(), late.end());
     std::printf("%zu cycles, %zu not sent; SCHED_FIFO %s, memory %s\n", cycles, unsent, fifo ? "yes" : "not allowed",
                 locked ? "locked" : "not locked");
-    std::printf("begun late by %.0f us (median), %.0f us (99 %%), %.0f us (longest)\n", late[cycles / 2],
+    std::printf("start delay: %.0f us (median), %.0f us (99 %%), %.0f us (longest)\n", late[cycles / 2],
                 late[cycles * 99 / 100], late.back());
     return unsent == 0 ? 0 : 1;
 }

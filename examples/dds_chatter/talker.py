@@ -43,7 +43,7 @@ def main() -> int:
     deadline = time.monotonic() + TIMEOUT
     while not (talker.get_matched_subscriptions() and listener.get_matched_publications()):
         if time.monotonic() > deadline:
-            print("   nobody listens in this domain")
+            print("   no subscriber in this domain")
             return 1
         time.sleep(0.05)
     time.sleep(0.5)  # this participant has matched; the bridge may need longer

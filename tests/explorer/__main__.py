@@ -35,7 +35,7 @@ def main() -> int:
         return 1
     with tempfile.TemporaryDirectory(prefix="shmgen-explorer-") as name:
         failures = _scenes(options, Path(name)) + (_faults(options, Path(name)) if options.faults else 0)
-    print("as it should be" if not failures else f"{failures} not as they should be")
+    print("as expected" if not failures else f"{failures} not as expected")
     return bool(failures)
 
 

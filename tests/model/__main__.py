@@ -26,7 +26,7 @@ def main() -> int:
             result = verdict.error or "nothing found"
             print(f"  {run.id}: {result}, {verdict.states:,} states, {verdict.seconds:.1f} s", flush=True)
             failures += sound == bool(verdict.error)
-    print("as it should be" if not failures else f"{failures} not as they should be")
+    print("as expected" if not failures else f"{failures} not as expected")
     return bool(failures)
 
 
