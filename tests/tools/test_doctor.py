@@ -459,7 +459,7 @@ def test_advice_never_suggests_to_join_root(gid, mode, advice):
 def test_file_that_is_no_region_is_reported_by_every_tool(topic, file, shmgen):
     file.write_bytes(b"hello\n")
     message = f"{file} is not a region of shmgen (magic 16#6C6C6568), 6 bytes"
-    hint = f"hint: `ls -l {file}` shows whose it is; remove it, or use another topic"
+    hint = f"hint: `ls -l {file}` shows the owner; remove the file, or use another topic"
     results = [
         shmgen(*command, topic, *options)
         for command, options in (

@@ -194,7 +194,7 @@ def _check_reference(
         chain = [*chain[chain.index(other.short) :], other.short]
         if len(chain) > _LONGEST_CHAIN_SHOWN:
             chain = [*chain[:4], f"… {len(chain) - 7} more …", *chain[-3:]]
-        hint = "remove one of these fields: a message cannot contain itself"
+        hint = "remove one field of this chain: a message cannot contain itself"
         library.report.error("SHM301", f"recursive: {' -> '.join(chain)}", field.span, field=where, hint=hint)
         return False
     if library.definition(other) is None:

@@ -339,7 +339,7 @@ class _Work:
 
 _NAME = re.compile(r"[^\W\d]\w*(?:\.[^\W\d]\w*)*")
 _IMPORT = (
-    "import the file that declares it too; a function block or a type of a library cannot be imported: copy its values "
+    "also import the file that declares it; a function block or a type of a library cannot be imported: copy its values "
     "into a structure of yours"
 )
 

@@ -53,7 +53,7 @@ def read_header_of(fd: int) -> h.Header:
 
 def not_a_region_error(path: str, header: h.Header) -> RegionUnusable:
     """Return the error for a file that another program has created."""
-    hint = f"`ls -l {path}` shows whose it is; remove it, or use another topic"
+    hint = f"`ls -l {path}` shows the owner; remove the file, or use another topic"
     return RegionUnusable(f"{path} is {header}\n  hint: {hint}")
 
 
