@@ -339,8 +339,8 @@ class _Work:
 
 _NAME = re.compile(r"[^\W\d]\w*(?:\.[^\W\d]\w*)*")
 _IMPORT = (
-    "also import the file that declares it; a function block or a type of a library cannot be imported: copy its values "
-    "into a structure of yours"
+    "also import the file that declares it; a function block or a type of a library cannot be imported: copy its "
+    "values into a structure of yours"
 )
 
 

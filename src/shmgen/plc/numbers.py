@@ -206,4 +206,6 @@ def _calculate(one: int, sign: str, other: int) -> int:
 
 def _unknown(text: str) -> NotConvertible:
     excerpt = text if len(text) <= 80 else f"{text[:80]}…"
-    return NotConvertible(f"`{excerpt}` is not declared", "also import the list of constants that declares it", "SHM602")
+    return NotConvertible(
+        f"`{excerpt}` is not declared", "also import the list of constants that declares it", "SHM602"
+    )

@@ -135,7 +135,7 @@ def _members(layout: Layout, names: Names) -> list[_Named]:
         _Named(
             slot.name,
             names.member(slot.name),
-            "" if slot.role is Role.DATA else f"{slot.role.value} member",
+            "" if slot.role is Role.DATA else f"{slot.role.value} field",
             slot.field.span.at(slot.field.name) if slot.field else layout.message.span,
         )
         for slot in layout.slots
