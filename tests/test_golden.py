@@ -76,6 +76,7 @@ def test_structured_text_is_ascii_with_lf() -> None:
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.name not in OTHER_TARGETS], ids=lambda it: it.name)
 @pytest.mark.parametrize("language", ["c", "c++"])
+@pytest.mark.family("-everything]", "-hostile]")
 def test_headers_compile(case: Path, language: str, tmp_path: Path) -> None:
     put(generate(case), tmp_path)
     compile_headers(tmp_path, language)

@@ -179,6 +179,7 @@ def test_c_and_cpp_stay_within_limits(ends: Ends, topic: str, name: str, state: 
 
 
 @pytest.mark.parametrize("name", ["try_publish", "heartbeat", "try_read", "is_stale"])
+@pytest.mark.slow
 def test_region_file_is_checked_at_an_interval(ends: Ends, name: str) -> None:
     time.sleep((abi.REMOVED_MS + 20) / 1000)
     counts = [ends.count(name) for _ in range(20)]

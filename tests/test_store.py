@@ -63,6 +63,7 @@ DISTRIBUTIONS = re.findall(
 
 
 @pytest.mark.parametrize(("source", "count"), DISTRIBUTIONS)
+@pytest.mark.family("[Jazzy")
 def test_all_definitions_of_a_distribution_are_generated(source: str, count: str) -> None:
     """Generate as many messages as docs/ros-wire.md states."""
     plain = Config(Path.cwd(), source=source.lower())

@@ -73,6 +73,7 @@ def exchange_samples(command: list[str], publisher_of: type, subscriber_of: type
         assert process.wait(10) == 0
 
 
+@pytest.mark.slow
 def test_lock_of_another_bitness_is_refused_at_opening(generated: Path, demo: Demo, topic: str) -> None:
     """Refuse the second program: programs of 32 and 64 bits cannot share a lock."""
     command = [*get_command(generated, "i386"), "self", topic]

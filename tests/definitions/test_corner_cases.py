@@ -121,6 +121,7 @@ def is_different(own: Answer, other: Answer, reference: str) -> bool:
     return repr(own) != repr(other)
 
 
+@pytest.mark.slow
 def test_page_matches_the_answers(rows: dict[str, list[Row]], update_golden: bool) -> None:
     if update_golden:
         PAGE.write_text(page_text(rows), encoding="utf-8")

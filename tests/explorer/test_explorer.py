@@ -75,6 +75,7 @@ def test_planted_fault_is_found_by_its_scene(fault: Fault, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     "fault", list({fault.name: fault for fault in [*FAULTS, *TESTED]}.values()), ids=lambda fault: fault.name
 )
+@pytest.mark.slow
 def test_every_fault_can_be_planted(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Find the original text of each fault in a generated file or a template."""
     texts = generate(tmp_path_factory.getbasetemp())

@@ -27,7 +27,7 @@ from . import contract
 
 @pytest.mark.parametrize("check", contract.CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.key)
-@pytest.mark.family("[python-", "[st-")
+@pytest.mark.family("[st-")
 def test_target_passes_contract(target: Target, check: contract.Check) -> None:
     check(target)
 
