@@ -43,13 +43,8 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Turn links between files into links between pages, and links to sources into links to SHMGEN_REPOSITORY.
-
-    Append the form of the page that generates in the browser.
-    """
+    """Turn links between files into links between pages, and links to sources into links to SHMGEN_REPOSITORY."""
     here = page.file.src_uri
-    if here == "try/index.md":
-        markdown += "\n" + (ROOT / "docs" / "try" / "form.html").read_text()
     inside = {name: place for place, name in _elsewhere().items()}
     folder = posixpath.dirname(inside.get(here, f"docs/{here}"))
     elsewhere = _elsewhere()
@@ -66,6 +61,11 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         return f"{picture}[{text}]({posixpath.relpath(name, posixpath.dirname(here) or '.')}{anchor})"
 
     return _LINK.sub(moved, markdown)
+
+
+def on_page_content(html: str, page: Any, **_: Any) -> str:
+    """Append the form to the page that generates in the browser."""
+    return html + (ROOT / "docs" / "try" / "form.html").read_text() if page.file.src_uri == "try/index.md" else html
 
 
 def _elsewhere() -> dict[str, str]:
