@@ -53,13 +53,16 @@ def test_number_of_findings_does_not_grow() -> None:
 
 
 FOLDERS = ("src", "packaging", "benchmarks", "docs", "tests", "examples")
-FILES = (*REPOSITORY.glob("*.py"), *(file for folder in FOLDERS for file in (REPOSITORY / folder).rglob("*.py")))
-PYTHON = sorted(file for file in FILES if not {"cases", "added", "build"} & set(file.parts))
-"""All Python files, except generated ones in tests/cases and files that tests add."""
+
+
+def python_files() -> list[Path]:
+    """Return all Python files, except generated ones in tests/cases and files that tests add."""
+    files = (*REPOSITORY.glob("*.py"), *(file for folder in FOLDERS for file in (REPOSITORY / folder).rglob("*.py")))
+    return sorted(file for file in files if not {"cases", "added", "build"} & set(file.parts))
 
 
 def all_findings() -> Iterator[Finding]:
-    for file in PYTHON:
+    for file in python_files():
         yield from python_findings(file)
     for folder, endings in (("templates", (".h", ".hpp", ".st", ".c", ".cpp", ".j2")), ("src", (".c", ".h"))):
         for file in sorted((REPOSITORY / folder).rglob("*")):

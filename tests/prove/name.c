@@ -14,19 +14,19 @@ static void named(size_t letters, const char *ending)
     }
 }
 
-static void halved(size_t letters)
+static void join_suffix(size_t letters)
 {
-    char name[320], half[SHMGEN_JOINED_SIZE];
+    char name[320], joined[SHMGEN_JOINED_SIZE];
     memset(name, 'a', letters);
     name[letters] = 0;
-    shmgen_join_name(half, name, "-feedback");
-    /*@ assert half[SHMGEN_JOINED_SIZE - 1] == 0; */
+    shmgen_join_name(joined, name, "-feedback");
+    /*@ assert joined[SHMGEN_JOINED_SIZE - 1] == 0; */
 }
 
 int main(void)
 {
     for (size_t letters = 286; letters < 300; letters++)
-        halved(letters);
+        join_suffix(letters);
     named(0, "");
     for (size_t letters = 234; letters < 248; letters++) {
         named(letters, "");
