@@ -212,6 +212,7 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test $(wildcard packaging/shmgen-fastdds
 	@$(call optional,command -v spin,$(MODELS))
 	@$(call optional,command -v frama-c,$(PROVER))
 	@$(call optional,command -v chromium,$(BROWSER))
+	@$(call pip,$(BIN)) --editable '.[docs]' || echo 'no mkdocs here; tests that build the site are skipped' >&2
 	@if /usr/bin/python3 -c 'import rospy' 2>/dev/null; then \
 	    echo 'making $(VENV)/ros1'; \
 	    { test -x $(VENV)/ros1/bin/python || /usr/bin/python3 -m venv --system-site-packages $(VENV)/ros1; } && \
