@@ -59,6 +59,7 @@ PACKAGES, IMPORTS, MODULES, ENTRIES = 20, 70, 6, 18
 ONLY_IN = {
     "click": {"cli"},
     "jinja2": {"generator"},
+    "mcap": {"bag"},
     "rosbags": {"bag", "bridge", "definitions"},
     "aiohttp": {"view"},
     "rich": {"view"},

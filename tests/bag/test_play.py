@@ -7,6 +7,10 @@ import resource
 import struct
 import time
 
+from mcap import records
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+
 from shmgen.bag import mcap, read
 from shmgen.bag.play import Player
 from shmgen.live.classes import publisher, subscriber
@@ -115,19 +119,23 @@ def test_damaged_bag_is_refused_with_little_memory(tmp_path, shmgen):
     """Refuse chunks that unpack to more than they announce, records longer than their file, and a FIFO."""
     from rosbags.rosbag2 import storage_mcap
 
-    def chunk(size, compressed, compression=b"zstd"):
-        head = struct.pack("<QQQII", 0, 0, size, 0, len(compression)) + compression + struct.pack("<Q", len(compressed))
-        return mcap.MAGIC + struct.pack("<BQ", mcap.CHUNK, len(head + compressed)) + head + compressed
+    def file(record):
+        builder = RecordBuilder()
+        record.write(builder)
+        return mcap.MAGIC + builder.end()
+
+    def chunk(size, compressed, compression="zstd"):
+        return file(records.Chunk(compression, compressed, 0, 0, 0, size))
 
     bomb = storage_mcap.zstd.compress(bytes(1 << 28))
     bags = {
         "bomb": (chunk(1000, bomb), "damaged: a chunk of 1,000 bytes is not what it was"),
         "large": (chunk(1 << 40, bomb), "more than 268,435,456 are not unpacked"),
         "noise": (chunk(1000, b"noise"), "damaged: a chunk cannot be unpacked"),
-        "lz4": (chunk(1000, b"noise", b"lz4"), "damaged: a chunk"),
-        "short": (mcap.MAGIC + struct.pack("<BQ", mcap.CHANNEL, 2) + b"ab", "a record ends before what it holds"),
-        "announced": (mcap.MAGIC + struct.pack("<BQ", mcap.SCHEMA, (1 << 32) - 1), "it has no topics"),
-        "escape": (mcap.MAGIC + mcap.channel(1, 1, "/a\x1b[2J\nb", {}).replace(b"cdr", b"abc"), "/a\\u001b[2J\\u000ab"),
+        "lz4": (chunk(1000, b"noise", "lz4"), "damaged: a chunk"),
+        "short": (mcap.MAGIC + struct.pack("<BQ", Opcode.CHANNEL, 2) + b"ab", "a record ends before what it holds"),
+        "announced": (mcap.MAGIC + struct.pack("<BQ", Opcode.SCHEMA, (1 << 32) - 1), "it has no topics"),
+        "escape": (file(records.Channel(1, "/a\x1b[2J\nb", "abc", {}, 1)), "/a\\u001b[2J\\u000ab"),
     }
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for name, (data, expected) in bags.items():

@@ -34,7 +34,7 @@ PACKAGES = (
     *("python3-numpy", "python3-ruamel.yaml", "python3-typing-extensions", "python3-zstandard"),
 )
 PYTEST = ("execnet", "iniconfig", "packaging", "pluggy", "pygments", "pytest", "pytest-timeout", "pytest-xdist")
-PURE = ("blark", "lark", "rosbags", *PYTEST)
+PURE = ("blark", "lark", "mcap", "rosbags", *PYTEST)
 """Packages of PyPI without compiled parts. The lark and pytest of Debian 12 are too old."""
 BUILT = "posix_ipc"
 """The package of PyPI that the machine itself compiles."""

@@ -8,6 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Chunk, Footer, Message, Schema
+
 from shmgen.bag import mcap
 from shmgen.bag import read as bags
 from shmgen.core.diagnostics import Report
@@ -59,15 +62,16 @@ _NUMBERS = (0, 1, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**32 - 1, 2**63, 2**64 - 1)
 
 def bag(compression: str) -> bytes:
     """Return a bag with a schema, a channel and two messages: once in a compressed chunk, once without a chunk."""
-    channel = mcap.channel(1, 1, "/a", {"shmgen_topic": "/a", "shmgen_depth": "3"})
-    records = mcap.schema(1, "std_msgs/msg/Int32", "int32 data\n") + channel
+    builder = RecordBuilder()
+    Schema(1, b"int32 data\n", "ros2msg", "std_msgs/msg/Int32").write(builder)
+    Channel(1, "/a", "cdr", {"shmgen_topic": "/a", "shmgen_depth": "3"}, 1).write(builder)
     for number in range(2):
-        records += struct.pack("<BQHIQQ8s", mcap.MESSAGE, 30, 1, number, 9 + number, 9, b"\0\1\0\0\5\0\0\0")
-    packed = _PACKED[compression](records)
-    head = struct.pack("<QQQII", 9, 10, len(records), 0, len(compression)) + compression.encode()
-    content = head + struct.pack("<Q", len(packed)) + packed
-    chunk = struct.pack("<BQ", mcap.CHUNK, len(content)) + content
-    return mcap.MAGIC + chunk + records + struct.pack("<BQ", mcap.FOOTER, 0) + mcap.MAGIC
+        Message(1, 9 + number, b"\0\1\0\0\5\0\0\0", 9, number).write(builder)
+    records = builder.end()
+    Chunk(compression, _PACKED[compression](records), 10, 9, 0, len(records)).write(builder)
+    builder.write(records)
+    Footer(0, 0, 0).write(builder)
+    return mcap.MAGIC + builder.end() + mcap.MAGIC
 
 
 def _lz4(data: bytes) -> bytes:

@@ -5,32 +5,16 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from shmgen.bag import mcap
-from shmgen.bag.mcap import Chunk
+from shmgen.bag.mcap import Channel, Chunk
 
 _VERSION = 9
 """Version of the metadata.yaml format, from ROS 2 Jazzy."""
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """A topic in a bag, with its ROS type.
-
-    `number` identifies the channel in the bag. `text` is the definition of the type, `type_hash` its hash by REP 2016.
-    `metadata` has the keys that shmgen and rosbag2 define.
-    """
-
-    number: int
-    topic: str
-    type: str
-    text: str
-    type_hash: str
-    metadata: Mapping[str, str]
 
 
 class Bag:
@@ -47,7 +31,6 @@ class Bag:
         self.size = 0
         self._most, self._longest = most, longest
         self._channels: dict[int, Channel] = {}
-        self._schemas: dict[tuple[str, str], int] = {}
         self._files: list[mcap.File] = []
         self._open: mcap.File | None = None
         self._begun = 0.0
@@ -60,12 +43,11 @@ class Bag:
     def add(self, channel: Channel) -> None:
         """Add a channel. Call this before the first put() of a chunk that contains messages of the channel."""
         self._channels[channel.number] = channel
-        self._schemas.setdefault((channel.type, channel.text), len(self._schemas) + 1)
 
     def put(self, chunk: Chunk) -> None:
         """Write a chunk; begin a new file if the current file is full.
 
-        Raises OSError if writing fails; the bag then stays as before.
+        Raises OSError if writing fails. The bag is then readable to the chunk before; call abandon().
         """
         if self._open and self._is_full(self._open):
             self.end_file()
@@ -75,9 +57,9 @@ class Bag:
             self._begun = time.monotonic()
             self.write_metadata()
         before = self._open.size
-        self._open.put(chunk, [record for number in chunk.index for record in self._records(self._channels[number])])
+        self._open.put(chunk, self._channels)
         self.size += self._open.size - before
-        self.samples += chunk.messages
+        self.samples += len(chunk.messages)
 
     def end_file(self, notes: Mapping[str, str] | None = None) -> None:
         """Complete the current file with its index. Store `notes`, if given, in the file's metadata record `shmgen`.
@@ -112,35 +94,21 @@ class Bag:
         too_long = self._longest is not None and time.monotonic() - self._begun >= self._longest
         return too_long or (self._most is not None and file.size >= self._most)
 
-    def _records(self, channel: Channel) -> tuple[bytes, bytes]:
-        schema = self._schemas[channel.type, channel.text]
-        metadata = {"offered_qos_profiles": "[]", "topic_type_hash": channel.type_hash, **channel.metadata}
-        return (
-            mcap.schema(schema, channel.type, channel.text),
-            mcap.channel(channel.number, schema, channel.topic, metadata),
-        )
-
     def _about(self, files: list[mcap.File], notes: Mapping[str, str] | None = None) -> str:
         """Return the description of `files` for metadata.yaml, with the keys that rosbag2 requires.
 
         The text is JSON, because JSON is valid YAML.
         """
-        counts: dict[int, int] = {}
-        for file in files:
-            for number, count in file.counts.items():
-                counts[number] = counts.get(number, 0) + count
-        files_with_messages = [file for file in files if file.messages]
-        first, last = (
-            min((file.first for file in files_with_messages), default=0),
-            max((file.last for file in files_with_messages), default=0),
-        )
+        counts = sum((file.counts for file in files), Counter[int]())
+        first = min((file.first for file in files if file.counts), default=0)
+        last = max((file.last for file in files), default=0)
         about: dict[str, Any] = {
             "version": _VERSION,
             "storage_identifier": "mcap",
             "relative_file_paths": [file.path.name for file in files],
             "duration": {"nanoseconds": last - first},
             "starting_time": {"nanoseconds_since_epoch": first},
-            "message_count": sum(counts.values()),
+            "message_count": counts.total(),
             "topics_with_message_count": [
                 {
                     "topic_metadata": {
@@ -150,7 +118,7 @@ class Bag:
                         "offered_qos_profiles": [],
                         "type_description_hash": channel.type_hash,
                     },
-                    "message_count": counts.get(channel.number, 0),
+                    "message_count": counts[channel.number],
                 }
                 for channel in self._channels.values()
             ],
@@ -159,9 +127,9 @@ class Bag:
             "files": [
                 {
                     "path": file.path.name,
-                    "starting_time": {"nanoseconds_since_epoch": file.first if file.messages else 0},
-                    "duration": {"nanoseconds": file.last - file.first if file.messages else 0},
-                    "message_count": file.messages,
+                    "starting_time": {"nanoseconds_since_epoch": file.first},
+                    "duration": {"nanoseconds": file.last - file.first},
+                    "message_count": file.counts.total(),
                 }
                 for file in files
             ],

@@ -8,8 +8,14 @@ import sys
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
+
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
 
 from shmgen.bag import mcap
 from shmgen.core.escape import legible
@@ -74,77 +80,73 @@ def files(path: Path) -> list[Path]:
 
 
 def _of_file(path: Path) -> Iterator[Channel | Message]:
-    schemas: dict[int, tuple[str, str, str]] = {}
+    schemas: dict[int, records.Schema] = {}
     channels: dict[int, Channel] = {}
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
             raise Unreadable(f"{path}: not an MCAP file")
         try:
-            for code, content in _records(file, size):
-                if code == mcap.CHUNK:
-                    inner = _unpacked(content, path)
-                    yield from _contents(inner, schemas, channels, path)
-                else:
-                    yield from _content(code, content, schemas, channels, path)
+            for code, content in _contents(file, size, path):
+                match code:
+                    case Opcode.MESSAGE:
+                        message = records.Message.read(_Content(content), len(content))
+                        if message.channel_id in channels:
+                            channel = channels[message.channel_id]
+                            yield Message(channel, message.log_time, message.publish_time, message.data)
+                    case Opcode.SCHEMA:
+                        schema = records.Schema.read(_Content(content))
+                        schemas[schema.id] = schema
+                    case Opcode.CHANNEL:
+                        new = records.Channel.read(_Content(content))
+                        if new.id not in channels:
+                            channels[new.id] = _channel(new, schemas.get(new.schema_id), path)
+                            yield channels[new.id]
         except _Short:
             return
-        except struct.error:
+        except (EndOfFile, UnicodeDecodeError):
             raise Unreadable(f"{path}: damaged: a record ends before what it holds") from None
 
 
-def _contents(
-    data: bytes, schemas: dict[int, tuple[str, str, str]], channels: dict[int, Channel], path: Path
-) -> Iterator[Channel | Message]:
-    at = 0
-    while at + _HEAD.size <= len(data):
-        code, length = _HEAD.unpack_from(data, at)
-        at += _HEAD.size
-        if at + length > len(data):
-            raise _Short
-        yield from _content(code, data[at : at + length], schemas, channels, path)
-        at += length
+class _Content(ReadDataStream):
+    """The content of one record. Raises EndOfFile if a field of the record exceeds the content."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__(BytesIO(content))
+        self._size = len(content)
+
+    def read(self, length: int) -> bytes:
+        if length > self._size - self.count:
+            raise EndOfFile
+        return super().read(length)
 
 
-def _content(
-    code: int, data: bytes, schemas: dict[int, tuple[str, str, str]], channels: dict[int, Channel], path: Path
-) -> Iterator[Channel | Message]:
-    match code:
-        case mcap.MESSAGE:
-            number, _, logged, published = struct.unpack_from("<HIQQ", data)
-            if number in channels:
-                yield Message(channels[number], logged, published, data[22:])
-        case mcap.SCHEMA:
-            (number,) = struct.unpack_from("<H", data)
-            name, at = _text(data, 2)
-            encoding, at = _text(data, at)
-            schemas[number] = name, encoding, _text(data, at)[0]
-        case mcap.CHANNEL:
-            number, schema = struct.unpack_from("<HH", data)
-            topic, at = _text(data, 4)
-            encoding, at = _text(data, at)
-            if encoding != "cdr":
-                raise Unreadable(f"{path}: {topic} is encoded as {encoding}; messages of ROS 2 are as cdr")
-            name, _, text = schemas.get(schema, ("", "", ""))
-            if number not in channels:
-                channels[number] = Channel(topic, name, text, _map(data, at))
-                yield channels[number]
-        case _:
-            pass
+def _channel(channel: records.Channel, schema: records.Schema | None, path: Path) -> Channel:
+    if channel.message_encoding != "cdr":
+        encoding = channel.message_encoding
+        raise Unreadable(f"{path}: {channel.topic} is encoded as {encoding}; messages of ROS 2 are as cdr")
+    name, text = (schema.name, schema.data.decode(errors="replace")) if schema else ("", "")
+    return Channel(channel.topic, name, text, channel.metadata)
+
+
+def _contents(file: BinaryIO, size: int, path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the records of a file of `size` bytes as _records() does, with the records of a chunk in its place."""
+    for code, content in _records(file, size):
+        if code == Opcode.CHUNK:
+            inner = _unpacked(records.Chunk.read(_Content(content)), path)
+            yield from _records(BytesIO(inner), len(inner))
+        else:
+            yield code, content
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield the opcode and the content of each record of an MCAP file, up to the end of its data section.
+    """Yield the opcode and the content of each record, up to the end of an MCAP file's data section.
 
-    `size` is the size of the file in bytes; a record that claims to be longer is not read. Raises _Short if the file is
-    truncated.
+    A record that claims to be longer than `size` bytes is not read. Raises _Short if the last record is truncated.
     """
-    while True:
-        head = file.read(_HEAD.size)
-        if len(head) < _HEAD.size:
-            raise _Short
+    while len(head := file.read(_HEAD.size)) == _HEAD.size:
         code, length = _HEAD.unpack(head)
-        if code in (mcap.DATA_END, mcap.FOOTER):
+        if code in (Opcode.DATA_END, Opcode.FOOTER):
             return
         content = file.read(length) if length <= size else b""
         if len(content) < length:
@@ -152,14 +154,11 @@ def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         yield code, content
 
 
-def _unpacked(data: bytes, path: Path) -> bytes:
-    size, check = struct.unpack_from("<QI", data, 16)
-    compression, at = _text(data, 28)
-    (length,) = struct.unpack_from("<Q", data, at)
-    packed = data[at + 8 : at + 8 + length]
-    if compression and size > _LARGEST_CHUNK:
+def _unpacked(chunk: records.Chunk, path: Path) -> bytes:
+    size, check = chunk.uncompressed_size, chunk.uncompressed_crc
+    if chunk.compression and size > _LARGEST_CHUNK:
         raise Unreadable(f"{path}: a chunk of {counted(size, 'byte')}; more than {_LARGEST_CHUNK:,} are not unpacked")
-    inner = _decompress(compression, packed, size, path)
+    inner = _decompress(chunk.compression, chunk.data, size, path)
     if len(inner) != size or (check and zlib.crc32(inner) != check):
         raise Unreadable(f"{path}: damaged: a chunk of {counted(size, 'byte')} is not what it was")
     return inner
@@ -204,18 +203,3 @@ def _of_others(folder: Path) -> Iterator[Channel | Message]:
                 yield Message(channels[connection.id], logged, logged, bytes(data))
     except Exception as error:  # from SQLite, YAML, or rosbags on an unexpected table
         raise Unreadable(f"{folder}: {error}") from None
-
-
-def _text(data: bytes, at: int) -> tuple[str, int]:
-    (length,) = struct.unpack_from("<I", data, at)
-    return data[at + 4 : at + 4 + length].decode(errors="replace"), at + 4 + length
-
-
-def _map(data: bytes, at: int) -> dict[str, str]:
-    (length,) = struct.unpack_from("<I", data, at)
-    at, end = at + 4, at + 4 + length
-    pairs = {}
-    while at < end:
-        key, at = _text(data, at)
-        pairs[key], at = _text(data, at)
-    return pairs

@@ -13,9 +13,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
-from shmgen.bag.folder import Bag, Channel
+from shmgen.bag.folder import Bag
 from shmgen.bag.kinds import Kind, kind_of
-from shmgen.bag.mcap import Chunk
+from shmgen.bag.mcap import Channel, Chunk
 from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
 from shmgen.live.classes import ClassRegistry, watcher
