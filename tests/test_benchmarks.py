@@ -28,7 +28,7 @@ main()
 """
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[call]", "[check]", "[messages]", "[publish]", "[read]")
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", sorted(SCRIPTS))
 def test_benchmark_runs_to_its_end(name: str) -> None:

@@ -45,7 +45,7 @@ int main(void) { printf("%zu\\n", sizeof(shm_demo_msgs_Robot)); return 0; }
 """
 
 
-@pytest.mark.slow
+@pytest.mark.sample("Makefiles")
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
 @pytest.mark.parametrize("generator", ["Unix Makefiles", "Ninja"])
 def test_cmake_regenerates_after_a_change(tmp_path: Path, generator: str) -> None:

@@ -26,7 +26,7 @@ def test_chaos_loses_and_tears_no_sample() -> None:
     assert "nothing torn, nothing lost, nobody stuck, nothing left over" in result.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[completed_first]", "[not_cleared]", "[one_look]")
 @pytest.mark.parametrize("fault", PLANTED)
 def test_chaos_detects_a_planted_fault(fault: str) -> None:
     result = play("--seconds", "120", "--fault", fault)

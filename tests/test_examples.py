@@ -134,7 +134,7 @@ def test_example_succeeds(example: str) -> None:
     assert left_behind(example) == []
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[dds-100]")
 @pytest.mark.parametrize(("backend", "rate"), [("dds", 100), ("ros2", 500)])
 def test_two_machines_count_lost_messages(backend: str, rate: int) -> None:
     """Send so fast with ros2 that more messages are lost during a cut than DDS keeps."""

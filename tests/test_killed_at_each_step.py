@@ -47,6 +47,7 @@ EARLY = """
 """A fault: the writer marks the sample as complete before it copies the bytes."""
 
 
+@pytest.mark.sample("[-c]")
 @pytest.mark.parametrize("language", ["c", "cpp"])
 @pytest.mark.parametrize("fault", ["", EARLY], ids=["", "planted"])
 def test_sample_survives_a_killed_c_writer(demo: Demo, tmp_path: Path, topic: str, language: str, fault: str) -> None:

@@ -199,7 +199,7 @@ def test_service_in_c_stays_within_limits(ends: Ends, names: tuple[str, ...]) ->
 
 
 @pytest.mark.parametrize("language", ["c", "cpp"])
-@pytest.mark.slow
+@pytest.mark.sample("[c]")
 def test_sleep_planted_in_c_exceeds_the_limit(tmp_path: Path, topic: str, language: str) -> None:
     ends = Ends(compile_library(tmp_path, SLEEP), language, topic)
     assert not C["try_publish", "usual"].holds(ends.count("try_publish"))
@@ -251,7 +251,7 @@ def open_blocks(program: open_plc.Program, topic: str) -> tuple[dict[str, Any], 
     return ends, opening
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[openplc-v4-")
 @pytest.mark.parametrize(("name", "state"), BLOCKS)
 def test_open_plc_blocks_stay_within_limits(program: open_plc.Program, topic: str, name: str, state: str) -> None:
     ends, _ = open_blocks(program, topic)

@@ -129,7 +129,7 @@ def test_pages_name_all_packages_and_activate_the_environment() -> None:
         assert before.index("make demo") < before.index("    . .venv/bin/activate"), page
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_tests_are_collected_without_any_program() -> None:
     """Collect all tests without git, compilers and locales: a test that needs one of them skips itself."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-n", "0", "-p", "no:cacheprovider"]

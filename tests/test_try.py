@@ -252,7 +252,7 @@ def test_user_generates_in_the_browser(address: str, tmp_path: Path) -> None:
     assert {path.partition("/")[2]: text for path, text in files.items() if path not in own} == expected
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_second_visit_needs_no_network(address: str, record_testsuite_property: Callable[[str, object], None]) -> None:
     """Write the seconds of both visits, and the bytes that the first visit loads, into the report (--junit-xml)."""
     from .view.browser import Page
@@ -273,7 +273,7 @@ def test_second_visit_needs_no_network(address: str, record_testsuite_property: 
     asyncio.run(visit())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_worker_generates_twenty_random_packages(address: str, generator: Any, tmp_path: Path) -> None:
     """Return the same files and errors from Python in WebAssembly as from Python on this machine."""
     from .view.browser import Page

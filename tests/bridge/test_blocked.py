@@ -92,7 +92,7 @@ def start_blocked(tmp_path: Path, space: str) -> Iterator[Callable[..., BlockedB
         blocked_bridge.process.communicate()
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[publish]")
 @pytest.mark.parametrize("call", ["publish", "discover"])
 def test_blocked_call_with_the_gil_ends_the_process(start_blocked: Callable[..., BlockedBridge], call: str) -> None:
     """Print all stacks and exit. After a restart, the topics are served again within seconds."""

@@ -21,7 +21,7 @@ BACKENDS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[ros2]")
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_bridge_survives_a_soak_and_counts_every_message(backend: str) -> None:
     BACKENDS[backend]()

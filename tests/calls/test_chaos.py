@@ -8,7 +8,7 @@ from ..support.plc_calls import Calls
 from . import chaos, chaos_ends
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[plc_serves-", "[python_goals-", "[plc_goals-")
 @pytest.mark.parametrize(
     ("scene", "seconds"),
     [

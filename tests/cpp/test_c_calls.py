@@ -112,7 +112,7 @@ def test_servers_and_clients_follow_the_rules(
         scene(peer, srv, topic)
 
 
-@pytest.mark.slow
+@pytest.mark.sample("-c]")
 @pytest.mark.parametrize("language", SOURCES)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_planted_fault_is_detected(

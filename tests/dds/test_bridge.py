@@ -85,7 +85,7 @@ def library(cell: Domain, topic: str) -> Path:
     return cell.folder / "plc" / "plc.so"
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[cyclone]")
 def test_plc_program_echoes_after_restarts(peer: Path, cell: Domain, library: Path, domain: int, topic: str) -> None:
     def start_plc() -> Bridge:
         task = Bridge(cell.start([cell.python, "-m", "tests.softplc.task", library, "PRG_Ros", "PRG_Echo"]))

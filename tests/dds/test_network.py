@@ -113,7 +113,7 @@ else:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[SUBNET]", "[OFF and a peer]")
 @pytest.mark.skipif(os.geteuid() != 0, reason="requires root to create network namespaces")
 @pytest.mark.parametrize("case", DISCOVERY)
 def test_environment_decides_the_visible_peers(tmp_path: Path, case: str) -> None:

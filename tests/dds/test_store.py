@@ -31,7 +31,7 @@ from .values import values
 RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[0]")
 @pytest.mark.parametrize("part", range(4))
 def test_every_message_type_passes_dds_and_a_region(graph: backend.Graph, domain: int, topic: str, part: int) -> None:
     all_names = [str(entry.name) for entry in pipeline.inventory(Config(Path.cwd())) if entry.name.kind == "msg"]

@@ -375,7 +375,7 @@ ADAPTER_UNITS = {
 PX4 = "px4_msgs"
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[others")
 @needs_rosidl
 @pytest.mark.skipif(references.interpreter("by_rosidl.py") is None, reason="rosidl_adapter is missing")
 @pytest.mark.parametrize(("part", "minimum", "documented"), [("px4_msgs", 227, 0.98), ("others", 400, 0.96)])

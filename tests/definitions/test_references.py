@@ -157,7 +157,7 @@ def test_corpus_matches_rosidl_adapter() -> None:
     check("jazzy", "ros2", "rosidl_adapter", lambda inputs, _: references.run_rosidl_adapter(inputs))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @needs_rosidl
 def test_corpus_matches_rosidl_parser() -> None:
     check("jazzy", "ros2", "rosidl_parser", lambda inputs, _: references.run_rosidl_parser(inputs, comments=False))

@@ -46,7 +46,7 @@ def test_quick_scene_has_no_error(program: Callable[[str], Path], scene: Scene) 
     check_scene(program(scene.sync), scene)
 
 
-@pytest.mark.slow
+@pytest.mark.sample(*(f"[{scene.name}]" for scene in FULL[1::4]))
 @pytest.mark.parametrize("scene", FULL, ids=lambda scene: scene.name)
 def test_full_scene_has_no_error(program: Callable[[str], Path], scene: Scene) -> None:
     check_scene(program(scene.sync), scene)
@@ -64,7 +64,7 @@ def test_schedule_of_an_error_can_be_replayed(tmp_path: Path) -> None:
     assert steps.count("\n") > 20
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[no record lock]", "[ST: no look after the copy]", "[who lost the topic goes on]")
 @pytest.mark.parametrize("fault", PLANTED, ids=lambda fault: fault.name)
 def test_planted_fault_is_found_by_its_scene(fault: Fault, tmp_path: Path) -> None:
     program = build(tmp_path, fault.planted(generate(tmp_path)))

@@ -18,7 +18,7 @@ from ..support.schemas import plain, random_message
 from .test_blocks import call_until_open
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[noetic-221-0-openplc-v4]")
 @pytest.mark.parametrize("compiler", open_plc.COMPILERS)
 @pytest.mark.parametrize(("distribution", "count", "refused"), [("noetic", 221, 0), ("jazzy", 624, 7)])
 def test_corpus_messages_pass_in_both_directions(

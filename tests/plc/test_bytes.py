@@ -16,7 +16,7 @@ BOUND = 3
 """The bound of all sequences that have no bound in their definitions."""
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[noetic")
 @pytest.mark.parametrize(("distribution", "count"), [("noetic", 221), ("jazzy", 624)])
 def test_corpus_messages_pass_through_st_unchanged(
     distribution: str, count: int, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str

@@ -52,7 +52,7 @@ def test_sets_contain_every_pair_of_values() -> None:
 
 
 @pytest.mark.parametrize("name", SETS)
-@pytest.mark.slow
+@pytest.mark.sample("[BOOL-struct-utf8-truncate]")
 def test_sample_with_each_set(name: str, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str) -> None:
     """Test about 20 messages of ROS 2 with all types that options change, alone, in arrays and in sequences."""
     config, capacities = build_config(corpus, "jazzy", SETS[name], f"shm_sample_{list(SETS).index(name)}")
@@ -72,7 +72,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("chosen", SETS if option == "all" else [option or next(iter(SETS))])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_ros_1_messages_pass_with_the_chosen_set(
     chosen: str, corpus: Path, tmp_path_factory: pytest.TempPathFactory, topic: str
 ) -> None:

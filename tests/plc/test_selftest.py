@@ -181,7 +181,7 @@ def test_missing_answer_of_the_plc_is_reported(settings: config.Config, task: Ru
 
 
 @pytest.mark.parametrize("compiler", open_plc.COMPILERS)
-@pytest.mark.slow
+@pytest.mark.sample("[openplc-v4]")
 def test_selftest_passes_on_open_plcs(compiler: str, settings: config.Config, task: Running, tmp_path: Path) -> None:
     """Execute the program of templates/selftest/open line by line in Python. iec2c is tested by hand."""
     program = open_plc.Program(open_plc.compiled(texts(settings, True), compiler, tmp_path))

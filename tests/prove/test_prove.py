@@ -12,7 +12,7 @@ from .eva import HARNESSES, Harness, generate, prove
 SHORT = {"lock", "write"}
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("harness", [it for it in HARNESSES if it.name in SHORT], ids=lambda it: it.name)
 def test_proof_holds_and_detects_its_fault(harness: Harness, tmp_path: Path) -> None:
     if not shutil.which("frama-c"):

@@ -68,7 +68,7 @@ def plc_server(graph: Graph, name: str, handler: Callable[[Any], Any]) -> Iterat
         thread.join()
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[jazzy-ros2]")
 @pytest.mark.parametrize(
     "graph", [backend for backend in BACKENDS if backend != ("kilted", "dds")], indirect=True, ids="-".join
 )

@@ -37,7 +37,7 @@ rclpy.spin(node)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[jazzy-4-30-2.0]")
 @pytest.mark.parametrize(
     ("graph", "size", "rate", "stopped"),
     [("jazzy", 4, 30, 0.0), ("jazzy", 4, 30, 2.0), ("jazzy", 4, 30, 10.0), (DDS, 1, 20, 0.0)],
@@ -70,7 +70,7 @@ def test_large_message_is_delivered_or_counted(graph: Graph, space: str, size: i
         assert lost
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[jazzy]")
 @pytest.mark.parametrize("graph", ["jazzy", DDS], indirect=True)
 def test_killed_reader_does_not_delay_the_next_reader(graph: Graph, space: str) -> None:
     bridge, kind = start_bridge(graph, space, 1)

@@ -99,7 +99,7 @@ def read_lock(share: Path) -> lockfile.Lock:
     return lockfile.read((share / "shmgen" / "layout.lock").read_text(), "", Report())
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("graph", ["jazzy"], indirect=True)
 def test_colcon_build_generates_code_for_every_interface_package(

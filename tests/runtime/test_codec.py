@@ -556,7 +556,7 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[one byte past the end]", "[a bool of 2]", "[an error without its path]")
 @pytest.mark.parametrize("fault", FAULTS)
 def test_planted_fault_is_detected(tmp_path: Path, fault: str) -> None:
     *change, selection = FAULTS[fault]

@@ -187,7 +187,7 @@ def test_child_of_a_fork_in_c_keeps_no_claim(topic):
 
 
 @pytest.mark.usefixtures("in_python")
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_fork_between_any_two_instructions_keeps_no_claim(topic):
     """Create a child at every 37th instruction of the endpoints' calls. The child has neither file nor map."""
     name, leaking_functions, forks = runtime.region_name(topic), [], 0

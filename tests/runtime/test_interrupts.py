@@ -79,7 +79,7 @@ def check_health(publisher, subscriber, number):
     assert (publisher.lock_misses, subscriber.lock_misses) == misses
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[straight]")
 @pytest.mark.parametrize("scenario", ["straight", "healing", "surplus"])
 def test_exception_between_any_two_instructions_releases_the_lock(topic, scenario, monkeypatch, in_python):
     monkeypatch.setattr(lock, "_STUCK_AFTER", 0.0)

@@ -160,7 +160,7 @@ async def gather_both(first, second):
     await asyncio.gather(first, second)
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[C]")
 def test_ended_loop_keeps_no_thread_and_no_region(topic):
     """Release the thread, and the region of a subscriber that is no longer referenced."""
 

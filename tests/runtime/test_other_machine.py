@@ -16,19 +16,18 @@ from tests.conftest import REPOSITORY
 from tests.support import machine
 
 HERE = "tests/runtime"
-LONG_RUN = (pytest.mark.slow, pytest.mark.timeout(1200))
+LONG_RUN = (pytest.mark.exhaustive, pytest.mark.timeout(1200))
 ALL = [f"--ignore={HERE}/test_other_machine.py", HERE, "tests/calls/test_services.py", "tests/calls/test_actions.py"]
 
 
 @pytest.mark.parametrize(
     ("name", "tests"),
     [
-        ("aarch64", [f"{HERE}/test_exchange.py"]),
+        pytest.param("aarch64", [f"{HERE}/test_exchange.py"], marks=pytest.mark.slow),
         pytest.param("aarch64", ALL, marks=LONG_RUN, id="aarch64-all"),
         pytest.param("i686", ["-m", "not slow", *ALL], marks=LONG_RUN, id="i686-all"),
     ],
 )
-@pytest.mark.slow
 def test_runtime_tests_pass_as_another_machine(name: str, tests: list[str]) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
     environment = {**os.environ, machine.NAME: name, "SHMGEN_PURE": "1"}

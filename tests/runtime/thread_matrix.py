@@ -1,6 +1,6 @@
 """Run each pair of public calls of a publisher or a subscriber in two threads, while the endpoint loses its region.
 
-python -m tests.runtime.thread_matrix TOPIC [FOLDER WITH THE EXTENSION]
+python -m tests.runtime.thread_matrix TOPIC STEP [FOLDER WITH THE EXTENSION], where STEP 10 runs every tenth pair
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from typing import Any
 
 import posix_ipc
 
-if len(sys.argv) > 2:
+if len(sys.argv) > 3:
     import shmgen
 
-    shmgen.__path__.insert(0, sys.argv[2])
+    shmgen.__path__.insert(0, sys.argv[3])
 
 from shmgen import runtime
 from shmgen.runtime import engine, region_name
@@ -138,10 +138,10 @@ def pairs() -> Iterator[tuple[type, tuple[str, str]]]:
 
 
 def main() -> None:
-    topic = sys.argv[1]
-    assert len(sys.argv) == 2 or engine.engine.__file__.startswith(sys.argv[2])
+    topic, step = sys.argv[1], int(sys.argv[2])
+    assert len(sys.argv) == 3 or engine.engine.__file__.startswith(sys.argv[3])
     count = 0
-    for number, (kind, names) in enumerate(pairs()):
+    for number, (kind, names) in enumerate([*pairs()][::step]):
         calls = find_calls(kind)
         for attempt, event in itertools.product(range(ROUNDS[kind]), EVENTS):
             name = f"{topic}/n{number}_{event.__name__}{attempt}"

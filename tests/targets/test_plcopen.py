@@ -244,7 +244,7 @@ SECTIONS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_structured_declarations_match_blark(objects: dict[str, Any], files: dict[str, str]) -> None:
     for name, text in files.items():
         item = objects[name]

@@ -129,7 +129,7 @@ TRAPS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[region-a FIFO]", "[semaphore-a symbolic link]", "[event-a folder]")
 @pytest.mark.parametrize("kind", TRAPS)
 @pytest.mark.parametrize("place", ["region", "semaphore", "event"])
 def test_fifo_symlink_or_folder_is_reported_and_not_opened(topic, file, semaphore, shmgen, started, kind, place):

@@ -469,7 +469,7 @@ def publish_numbers(topics):
         yield
 
 
-@pytest.mark.slow
+@pytest.mark.sample("[size0]")
 @pytest.mark.parametrize("size", [(1280, 800), (800, 600)])
 def test_click_opens_the_row_under_the_pointer(top_topic, server, size):
     """Map the mouse position to the visible row, and keep the whole canvas inside the window."""
