@@ -85,8 +85,8 @@ class Blocks:
 def pair(layout: Layout, layouts: Layouts, compiler: Compiler, known: Blocks) -> tuple[Block, Block]:
     name = layout.name
     return (
-        known.block(st.publisher_block(name), _publish(layout, layouts, compiler), (name,)),
-        known.block(st.subscriber_block(name), _read(layout, layouts, compiler), (name,)),
+        known.block(st.block_name(name, "Publisher"), _publish(layout, layouts, compiler), (name,)),
+        known.block(st.block_name(name, "Subscriber"), _read(layout, layouts, compiler), (name,)),
     )
 
 

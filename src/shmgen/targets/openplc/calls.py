@@ -49,13 +49,13 @@ def blocks(layouts: Layouts, compiler: Compiler, known: Blocks) -> Iterator[Bloc
     for name in interfaces.services(layouts):
         request, reply = (layouts[name.part(part)] for part in ("_Request", "_Reply"))
         call = Call(name, layouts, compiler, request, reply, None)
-        yield known.block(st.client_block(name), _calls(call), call.needs)
-        yield known.block(st.server_block(name), _serves(call), call.needs)
+        yield known.block(st.block_name(name, "Client"), _calls(call), call.needs)
+        yield known.block(st.block_name(name, "Server"), _serves(call), call.needs)
     for name in interfaces.actions(layouts):
         parts = [layouts[name.part(part)] for part in ("_Command", "_Outcome", "_Progress")]
         call = Call(name, layouts, compiler, *parts)
-        yield known.block(st.action_client_block(name), _calls(call), call.needs)
-        yield known.block(st.action_server_block(name), _serves(call), call.needs)
+        yield known.block(st.block_name(name, "ActionClient"), _calls(call), call.needs)
+        yield known.block(st.block_name(name, "ActionServer"), _serves(call), call.needs)
 
 
 def _constant(layout: Layout, name: str) -> int:

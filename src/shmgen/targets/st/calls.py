@@ -79,8 +79,8 @@ def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     reply = _carried(name.part("_Reply"), layouts, "_Reply", "-response")
     response = names.st_type(name.part("_Response"), layouts[name.part("_Response")].options)
     for block, template, end, read in (
-        (names.client_block(name), "client", "_fbClient", "_Reply"),
-        (names.server_block(name), "server", "_fbServer", "_Request"),
+        (names.block_name(name, "Client"), "client", "_fbClient", "_Reply"),
+        (names.block_name(name, "Server"), "server", "_fbServer", "_Request"),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
         view = Calls(block, name.short, end, request, reply, bool(own), own, response)
@@ -96,8 +96,8 @@ def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
         names.st_type(name.part(part), layouts[name.part(part)].options) for part in ("_Goal", "_Feedback", "_Result")
     )
     for block, template, end, read, received in (
-        (names.action_client_block(name), "action_client", "_fbClient", "_Outcome", ("_Progress",)),
-        (names.action_server_block(name), "action_server", "_fbServer", "_Command", ()),
+        (names.block_name(name, "ActionClient"), "action_client", "_fbClient", "_Outcome", ("_Progress",)),
+        (names.block_name(name, "ActionServer"), "action_server", "_fbServer", "_Command", ()),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
         also = tuple(it for part in received for it in checks(layouts[name.part(part)], layouts, "FeedbackFits", part))

@@ -88,34 +88,12 @@ def gvl(name: TypeName) -> str:
     return _st("GVL", name)
 
 
-def publisher_block(name: TypeName) -> str:
-    """Return the publisher block's name: `FB_geometry_msgs_Pose_Publisher`."""
-    return _st("FB", name) + "_Publisher"
+def block_name(name: TypeName, role: str) -> str:
+    """Return the name of a function block: `FB_geometry_msgs_Pose_Publisher` for the role `Publisher`.
 
-
-def subscriber_block(name: TypeName) -> str:
-    """Return the subscriber block's name: `FB_geometry_msgs_Pose_Subscriber`."""
-    return _st("FB", name) + "_Subscriber"
-
-
-def client_block(name: TypeName) -> str:
-    """Return the client block's name: `FB_std_srvs_SetBool_Client`."""
-    return _st("FB", name) + "_Client"
-
-
-def server_block(name: TypeName) -> str:
-    """Return the server block's name: `FB_std_srvs_SetBool_Server`."""
-    return _st("FB", name) + "_Server"
-
-
-def action_client_block(name: TypeName) -> str:
-    """Return the action client block's name: `FB_example_interfaces_Fibonacci_ActionClient`."""
-    return _st("FB", name) + "_ActionClient"
-
-
-def action_server_block(name: TypeName) -> str:
-    """Return the action server block's name: `FB_example_interfaces_Fibonacci_ActionServer`."""
-    return _st("FB", name) + "_ActionServer"
+    The other roles are Subscriber, Client, Server, ActionClient and ActionServer.
+    """
+    return f"{_st('FB', name)}_{role}"
 
 
 def st_topic(name: str) -> str:

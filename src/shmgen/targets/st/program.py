@@ -72,18 +72,18 @@ def uses(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence
 
 
 def _topic(topic: Topic) -> Use:
-    block = names.subscriber_block(topic.type) if topic.to_plc else names.publisher_block(topic.type)
+    block = names.block_name(topic.type, "Subscriber" if topic.to_plc else "Publisher")
     inputs = (f"sTopic := '{topic.name}',", f"udiDepth := {topic.depth});")
     return Use(not topic.to_plc, topic.name, block, f"{topic.name}, {topic.type}", inputs)
 
 
 def _service(service: Service) -> Use:
-    block = names.server_block(service.type) if service.on_plc else names.client_block(service.type)
+    block = names.block_name(service.type, "Server" if service.on_plc else "Client")
     comment = f"{service.name}, {service.type}"
     return Use(not service.on_plc, service.name, block, comment, (f"sService := '{service.name}');",))
 
 
 def _action(action: Action) -> Use:
-    block = names.action_server_block(action.type) if action.on_plc else names.action_client_block(action.type)
+    block = names.block_name(action.type, "ActionServer" if action.on_plc else "ActionClient")
     comment = f"{action.name}, {action.type}"
     return Use(not action.on_plc, action.name, block, comment, (f"sAction := '{action.name}');",))

@@ -130,8 +130,8 @@ def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
     name = layout.name
     checks = counts.checks(layout, layouts, "Fits", "_pMsg^")
     for block, template, is_writer in (
-        (names.publisher_block(name), "publisher", "TRUE"),
-        (names.subscriber_block(name), "subscriber", "FALSE"),
+        (names.block_name(name, "Publisher"), "publisher", "TRUE"),
+        (names.block_name(name, "Subscriber"), "subscriber", "FALSE"),
     ):
         dut, gvl = names.st_type(name, layout.options), names.gvl(name)
         view = Block(block, str(name), dut, gvl, bool(checks), checks, is_writer)
