@@ -16,7 +16,6 @@ from shmgen.targets.st import names as st
 
 GLOBALS = "GVL_Ros"
 """The global structure with a member for each topic, service and action. Its type is ST_Ros."""
-PROGRAM = st.PRG_TOPICS
 
 _MATIEC = words("""
     CD CLK CU DREF DS EN ENO FROM F_EDGE N NON_RETAIN NULL P P0 P1 PT PV R1 READ_ONLY READ_WRITE REF R_EDGE S1 SAFEBOOL

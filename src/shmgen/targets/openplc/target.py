@@ -19,7 +19,7 @@ from shmgen.targets.openplc.blocks import Block, Variable
 from shmgen.targets.openplc.compiler import STRUCPP
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
-from shmgen.targets.st.names import ST_TIME, st_type
+from shmgen.targets.st.names import PRG_TOPICS, ST_TIME, st_type
 
 NAMES = names.capital_names("OpenPLC")
 PROTOCOL = "SHMGEN_PROTOCOL"
@@ -50,7 +50,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         f"openplc/{job.package}.stlib", "openplc/library.stlib.j2", Library(_library(job, blocks, plc_program))
     )
     if plc_program:
-        yield Output(f"openplc/{names.PROGRAM}.st", "openplc/program_file.st.j2", Program(plc_program))
+        yield Output(f"openplc/{PRG_TOPICS}.st", "openplc/program_file.st.j2", Program(plc_program))
 
 
 def _library(job: Job, blocks: tuple[Block, ...], plc_program: program.Program | None) -> str:

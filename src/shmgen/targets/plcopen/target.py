@@ -24,21 +24,6 @@ from shmgen.targets.st.names import PRG_TOPICS
 NAMES = None
 """None, because the target st creates and checks all names."""
 
-LIBRARIES = (
-    ("SysShm", "SysShm", True),
-    ("SysSemProcess", "SysSemProcess", True),
-    ("SysTypes2 Interfaces", "SysTypes", False),
-)
-"""Title and namespace of each library that FB_ShmRegion uses, and True if exports use a placeholder for the library."""
-FOLDER = "ROS"
-"""The application's folder for all generated objects, with a subfolder for each package, as in `st/`."""
-TASK = "RosTask"
-PRIORITY = "10"
-"""The priority of the task. In CODESYS, 0 is the highest priority and 31 the lowest.
-
-The task of a new project has priority 1. Control takes precedence over communication.
-"""
-
 
 class Variable(NamedTuple):
     """The template data for a variable or for a name of an enumeration.
@@ -114,21 +99,8 @@ class Unit(NamedTuple):
     methods: tuple[Unit, ...]
 
 
-class Library(NamedTuple):
-    """The template data for a library of CODESYS that the generated code needs.
-
-    `name` is the name in the library manager. `resolution` is the library's title with its version and company.
-    """
-
-    name: str
-    title: str
-    namespace: str
-    resolution: str
-    is_placeholder: bool
-
-
 class Folder(NamedTuple):
-    """A folder of the IDE with the objects of one package."""
+    """The objects of one package. The name is `""` for the objects outside the folders of packages."""
 
     name: str
     objects: tuple[DataType | GlobalList | Unit, ...]
@@ -138,8 +110,7 @@ class Project(NamedTuple):
     """The template data for the XML file and the import script.
 
     * `data_types`, `lists` and `units` together contain all objects, as the XML file groups them.
-    * `folders` and `loose` contain the same objects, as the IDE groups them. `folders` are the subfolders of the folder
-      `folder`. `loose` has one Folder without a name for the objects outside the subfolders, or is empty.
+    * `folders` contains the same objects, as the IDE groups them in the folder `ROS`.
     * `seconds` and `milliseconds` are the interval of the task, for PLCopen and for CODESYS.
     * `library_manager` is the id of the IDE's object with the list of libraries.
     """
@@ -148,16 +119,10 @@ class Project(NamedTuple):
     lists: tuple[GlobalList, ...]
     units: tuple[Unit, ...]
     folders: tuple[Folder, ...]
-    loose: tuple[Folder, ...]
-    libraries: tuple[Library, ...]
     has_task: bool
     seconds: str
     milliseconds: str
-    task: str = TASK
-    priority: str = PRIORITY
-    program: str = PRG_TOPICS
-    folder: str = FOLDER
-    library_manager: str = ""
+    library_manager: str
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
@@ -166,29 +131,21 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     for file in sorted(job.rendered["st"], key=lambda file: file.output.path):
         _, *below, _ = file.output.path.split("/")
         folders.setdefault("/".join(below), []).append(_stored(stored_object(file), file.text.rstrip("\n")))
-    loose = tuple(folders.pop("", ()))
-    all_objects = [*(one for objects in folders.values() for one in objects), *loose]
+    folders[""] = folders.pop("", [])  # the last folder
+    all_objects = [one for objects in folders.values() for one in objects]
     interval = job.options.task_interval
     view = Project(
         data_types=tuple(one for one in all_objects if isinstance(one, DataType)),
         lists=tuple(one for one in all_objects if isinstance(one, GlobalList)),
         units=tuple(one for one in all_objects if isinstance(one, Unit)),
         folders=tuple(Folder(name, tuple(objects)) for name, objects in folders.items()),
-        loose=(Folder("", loose),) if loose else (),
-        libraries=tuple(_libraries()),
-        has_task=any(one.head.name == PRG_TOPICS for one in loose),
+        has_task=any(one.head.name == PRG_TOPICS for one in all_objects),
         seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
         milliseconds=str(interval),
         library_manager=_id("Library Manager"),
     )
     yield Output("plcopen/shmgen.xml", "plcopen/project.xml.j2", view)
     yield Output("plcopen/import_shmgen.py", "plcopen/import_shmgen.py.j2", view)
-
-
-def _libraries() -> Iterator[Library]:
-    for title, namespace, is_placeholder in LIBRARIES:
-        resolution = f"{title}, * (System)"
-        yield Library(f"#{title}" if is_placeholder else resolution, title, namespace, resolution, is_placeholder)
 
 
 def stored_object(file: RenderedFile) -> objects.DataType | objects.GlobalList | objects.Unit:

@@ -30,8 +30,6 @@ class Calls(NamedTuple):
     `response`, `goal`, `feedback` and `result` are structure names, `""` if the service or action has no such message.
     If `fits` is true, the block checks counts in the requests or replies that it receives. If `fits_progress` is true,
     the client of an action also checks counts in the progress messages.
-
-    `type_name`, `digest` and `size` are the names of constants. The list `gvl` of each region contains them.
     """
 
     name: str
@@ -47,9 +45,6 @@ class Calls(NamedTuple):
     feedback: str = ""
     result: str = ""
     fits_progress: bool = False
-    type_name: str = names.GVL_TYPE_NAME
-    digest: str = names.GVL_DIGEST
-    size: str = names.GVL_SIZE
 
 
 def plan(layouts: Layouts) -> Iterator[Output]:

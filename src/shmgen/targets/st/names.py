@@ -18,7 +18,7 @@ from shmgen.targets.naming import ClaimedName, Names, words
 GVL_SIZE = "SHM_SIZE"
 GVL_DIGEST = "SHM_DIGEST"
 GVL_TYPE_NAME = "SHM_TYPE_NAME"
-"""The constants that shmgen adds to a message's own constants."""
+"""The constants that shmgen adds to a message's own constants. Templates in `templates/st` spell these names too."""
 GVL_REGION = "GVL_Shm"
 """The list of the protocol's constants."""
 GVL_TOPICS = "GVL_Ros"

@@ -22,13 +22,8 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """The template data for the program that calls all blocks in the variable list `gvl`.
+    """The template data for the program that calls all blocks in `GVL_Ros`, and then the programs in `behind`."""
 
-    After the blocks, the program calls the programs in `behind`.
-    """
-
-    name: str
-    gvl: str
     instances: tuple[Instance, ...]
     behind: tuple[str, ...] = ()
 
@@ -48,7 +43,7 @@ def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence
         stored = GlobalList(names.GVL_TOPICS, head, Variables("VAR_GLOBAL", False, variables))
         yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, doc, common.columns(variables)))
         instances = tuple(Instance(names.st_topic(use.name), ("xEnable := TRUE,", *use.inputs)) for use in all_uses)
-        view = Program(names.PRG_TOPICS, names.GVL_TOPICS, instances)
+        view = Program(instances)
         yield Output(f"st/{names.PRG_TOPICS}.st", "st/program.st.j2", view)
 
 

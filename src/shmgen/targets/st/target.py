@@ -37,7 +37,6 @@ class Block(NamedTuple):
     """The template data for a publisher or subscriber block. If `fits` is true, the block checks counts.
 
     `is_writer` is TRUE for a publisher, FALSE for a subscriber. `end` is the block's variable of type FB_ShmRegion.
-    `type_name`, `digest` and `size` are the names of constants in the list `gvl`.
     """
 
     name: str
@@ -48,9 +47,6 @@ class Block(NamedTuple):
     checks: tuple[counts.Check, ...]
     is_writer: str
     end: str = "_fbRegion"
-    type_name: str = names.GVL_TYPE_NAME
-    digest: str = names.GVL_DIGEST
-    size: str = names.GVL_SIZE
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
