@@ -20,6 +20,7 @@ from shmgen.core.model import Output
 from shmgen.targets import Job, RenderedFile
 from shmgen.targets.st import objects, reader
 from shmgen.targets.st.names import PRG_TOPICS
+from shmgen.targets.st.text import uncommented
 
 NAMES = None
 """None, because the target st creates and checks all names."""
@@ -210,7 +211,7 @@ _OURS = uuid.UUID("6a9c1f0e-5d3b-5f63-9c55-7e1f6d2b8a40")
 
 def _head(name: str, head: objects.Head, text: str, within: str = "") -> Head:
     attributes = tuple(Attribute(_text(attribute.name), _text(attribute.value)) for attribute in head.attributes)
-    return Head(name, _id(within + name), _text("\n".join(head.comment)), attributes, _text(text))
+    return Head(name, _id(within + name), _text(uncommented(head.comment)), attributes, _text(text))
 
 
 def _id(name: str) -> str:
@@ -229,7 +230,7 @@ def _variable(variable: objects.Variable) -> Variable:
         _type(variable.type),
         _value(variable.value) if variable.value else "",
         _text(variable.value) if isinstance(variable.value, str) else "",
-        _text(variable.comment),
+        _text(uncommented(variable.comment)),
     )
 
 

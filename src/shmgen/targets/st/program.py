@@ -11,7 +11,7 @@ from typing import NamedTuple
 from shmgen.core.model import Action, Output, Service, Topic
 from shmgen.targets.st import common, names
 from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Variable, Variables
-from shmgen.targets.st.text import MADE, uncommented
+from shmgen.targets.st.text import MADE
 
 
 class Instance(NamedTuple):
@@ -38,10 +38,10 @@ def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence
             "// read and write the inputs and outputs of the blocks.",
             MADE,
         )
-        variables = tuple(Variable(names.st_topic(use.name), use.block, "", use.comment) for use in all_uses)
-        head = Head(uncommented(doc), (Attribute("qualified_only"),))
+        variables = tuple(Variable(names.st_topic(use.name), use.block, "", (f"// {use.comment}",)) for use in all_uses)
+        head = Head(doc, (Attribute("qualified_only"),))
         stored = GlobalList(names.GVL_TOPICS, head, Variables("VAR_GLOBAL", False, variables))
-        yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, doc, common.columns(variables)))
+        yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, common.columns(variables)))
         instances = tuple(Instance(names.st_topic(use.name), ("xEnable := TRUE,", *use.inputs)) for use in all_uses)
         view = Program(instances)
         yield Output(f"st/{names.PRG_TOPICS}.st", "st/program.st.j2", view)

@@ -21,9 +21,9 @@ def comment_lines(text: str) -> list[str]:
     return [f"// {part}".rstrip() for line in text.splitlines() for part in _fold(ascii_text(line))]
 
 
-def uncommented(lines: Iterable[str]) -> tuple[str, ...]:
+def uncommented(lines: Iterable[str]) -> str:
     """Return the text of comment lines, without `//`."""
-    return tuple(line[2:].strip() for line in lines)
+    return "\n".join(line[2:].strip() for line in lines)
 
 
 def ascii_text(text: str) -> str:
