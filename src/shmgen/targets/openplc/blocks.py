@@ -37,12 +37,10 @@ class Block(NamedTuple):
     doc: str
     inputs: tuple[Variable, ...]
     outputs: tuple[Variable, ...]
-    locals: tuple[Variable, ...]
     body: tuple[str, ...]
     needs: tuple[TypeName, ...]
 
 
-END = Variable("_udiEnd", "UDINT", "handle of the open region, set by the block; do not write")
 _ERROR = "E_ShmError"
 
 
@@ -69,7 +67,7 @@ class Blocks:
         unit = reader.read(name, self._units[name])
         assert isinstance(unit, objects.Unit)
         inputs, outputs = (tuple(map(self._spelled, section.variables)) for section in unit.sections[:2])
-        return Block(whole(name), uncommented(unit.head.comment[:1]), inputs, outputs, (END,), tuple(body), needs)
+        return Block(whole(name), uncommented(unit.head.comment[:1]), inputs, outputs, tuple(body), needs)
 
     def _spelled(self, variable: objects.Variable) -> Variable:
         comment = re.sub(r"[A-Z_]{4,}", self._with_code, uncommented(variable.comment))

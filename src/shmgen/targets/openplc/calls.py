@@ -36,8 +36,8 @@ class Call(NamedTuple):
     def needs(self) -> tuple[TypeName, ...]:
         return tuple(layout.name for layout in (self.question, self.answer, self.progress) if layout)
 
-    def copied(self, layout: Layout, variable: str, at: str) -> list[str]:
-        """Return C that copies the message at the C expression `at` to a variable of the block."""
+    def copied(self, layout: Layout, variable: str, at: str) -> Iterator[str]:
+        """Yield the C statements that copy the message at the C expression `at` to a variable of the block."""
         return copies(layout, self.layouts, self.compiler, self.compiler.structure(variable), at, to_plc=True)
 
 

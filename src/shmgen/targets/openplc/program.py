@@ -66,7 +66,7 @@ def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | N
     known = {block.name: block for block in blocks}
     structures: dict[str, Structure] = {}
     members, instances = [], []
-    for use in uses(job.topics, job.services, job.actions):
+    for use in uses(job):
         block = known[names.whole(use.block)]
         stored = _stored(block)
         structures[stored.name] = stored

@@ -130,8 +130,9 @@ def _class(block: Block) -> Iterator[str]:
     name = block.name.upper()
     yield f"class {name} {{"
     yield "public:"
-    for variable in (*block.inputs, *block.outputs, *block.locals):
+    for variable in (*block.inputs, *block.outputs):
         yield f"    {_cpp_type(variable.type)} {variable.name.upper()}{{{_cpp_value(variable)}}};"
+    yield "    IEC_UDINT _UDIEND{};"
     yield "    IEC_BOOL ENO{true};"
     yield f"    {name}();"
     yield "    void operator()();"

@@ -5,10 +5,11 @@ The files are `st/GVL_Ros.st` and `st/PRG_Ros.st`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.core.model import Action, Output, Service, Topic
+from shmgen.core.model import Action, Output, Service, Topic, assert_never
+from shmgen.targets import Job
 from shmgen.targets.st import common, names
 from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Variable, Variables
 from shmgen.targets.st.text import MADE
@@ -28,9 +29,9 @@ class Program(NamedTuple):
     behind: tuple[str, ...] = ()
 
 
-def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence[Action]) -> Iterator[Output]:
+def plan(job: Job) -> Iterator[Output]:
     """Yield the files `st/GVL_Ros.st` and `st/PRG_Ros.st`, or nothing if there is no topic, service or action."""
-    all_uses = uses(topics, services, actions)
+    all_uses = uses(job)
     if all_uses:
         doc = (
             f"// A block for each topic, service and action of shmgen.toml. {names.PRG_TOPICS} calls them; "
@@ -61,24 +62,22 @@ class Use(NamedTuple):
     inputs: tuple[str, ...]
 
 
-def uses(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence[Action]) -> list[Use]:
+def uses(job: Job) -> list[Use]:
     """Return all topics, services and actions in the order in which the program calls their blocks."""
-    return sorted([*map(_topic, topics), *map(_service, services), *map(_action, actions)], key=lambda use: use.order)
+    return sorted(map(_use, job.uses), key=lambda use: use.order)
 
 
-def _topic(topic: Topic) -> Use:
-    block = names.block_name(topic.type, "Subscriber" if topic.to_plc else "Publisher")
-    inputs = (f"sTopic := '{topic.name}',", f"udiDepth := {topic.depth});")
-    return Use(not topic.to_plc, topic.name, block, f"{topic.name}, {topic.type}", inputs)
-
-
-def _service(service: Service) -> Use:
-    block = names.block_name(service.type, "Server" if service.on_plc else "Client")
-    comment = f"{service.name}, {service.type}"
-    return Use(not service.on_plc, service.name, block, comment, (f"sService := '{service.name}');",))
-
-
-def _action(action: Action) -> Use:
-    block = names.block_name(action.type, "ActionServer" if action.on_plc else "ActionClient")
-    comment = f"{action.name}, {action.type}"
-    return Use(not action.on_plc, action.name, block, comment, (f"sAction := '{action.name}');",))
+def _use(use: Topic | Service | Action) -> Use:
+    match use:
+        case Topic():
+            is_input, role = use.to_plc, "Subscriber" if use.to_plc else "Publisher"
+            inputs: tuple[str, ...] = (f"sTopic := '{use.name}',", f"udiDepth := {use.depth});")
+        case Service():
+            is_input, role = use.on_plc, "Server" if use.on_plc else "Client"
+            inputs = (f"sService := '{use.name}');",)
+        case Action():
+            is_input, role = use.on_plc, "ActionServer" if use.on_plc else "ActionClient"
+            inputs = (f"sAction := '{use.name}');",)
+        case _:
+            assert_never(use)
+    return Use(not is_input, use.name, names.block_name(use.type, role), f"{use.name}, {use.type}", inputs)

@@ -60,7 +60,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         if layout.requested and layout.name not in only_called:
             yield from _pair(layout, layouts)
     yield from calls.plan(layouts)
-    yield from program.plan(job.topics, job.services, job.actions)
+    yield from program.plan(job)
 
 
 def _message(layout: Layout) -> Iterator[Output]:
