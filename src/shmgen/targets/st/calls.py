@@ -49,24 +49,22 @@ class Calls(NamedTuple):
 
 def plan(layouts: Layouts) -> Iterator[Output]:
     """Yield the files with the blocks of all services and actions. If there are none, yield nothing."""
-    services, actions = list(interfaces.services(layouts)), list(interfaces.actions(layouts))
-    if services or actions:
+    all_names = list(interfaces.complete(layouts))
+    if all_names:
         yield from common.by_hand("FB_ShmClient", "FB_ShmServer")
-    for name in services:
-        yield from _service(name, layouts)
-    for name in actions:
-        yield from _action(name, layouts)
+    for name in all_names:
+        yield from (_service if name.kind == "srv" else _action)(name, layouts)
 
 
 def parts(layouts: Layouts) -> frozenset[TypeName]:
     """Return the names of all messages that the regions of services and actions contain."""
-    services = [name.part(ending) for name in interfaces.services(layouts) for ending in _OF_SERVICE]
-    actions = [name.part(ending) for name in interfaces.actions(layouts) for ending in _OF_ACTION]
-    return frozenset(services + actions)
+    return frozenset(name.part(part) for name in interfaces.complete(layouts) for part in _PARTS[name.kind])
 
 
-_OF_SERVICE = ("_Request", "_Response", "_Reply")
-_OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
+_PARTS = {
+    "srv": ("_Request", "_Response", "_Reply"),
+    "action": ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome"),
+}
 
 
 def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
