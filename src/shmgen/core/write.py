@@ -21,10 +21,9 @@ except ImportError:  # on Windows
 
 
 class Written(NamedTuple):
-    """The result of write(): the paths of the changed, unchanged and removed files, relative to the folder."""
+    """The result of write(): the paths of the changed and the removed files, relative to the folder."""
 
     changed: tuple[str, ...]
-    unchanged: tuple[str, ...]
     removed: tuple[str, ...]
 
 
@@ -81,7 +80,7 @@ def write(
         for empty in reversed(created):
             with suppress(OSError):  # another run has put a file into it
                 empty.rmdir()
-    return Written(tuple(changed), tuple(sorted(texts.keys() - changed)), tuple(removed))
+    return Written(tuple(changed), tuple(removed))
 
 
 def current(folder: Path, path: str) -> bytes | None:

@@ -20,10 +20,11 @@ from shmgen.core.model import (
     assert_never,
     ros_type,
 )
+from shmgen.targets.c.names import c_member
 from shmgen.targets.c.target import Member
 from shmgen.targets.c.text import in_comment, quoted, quoted_wide
 from shmgen.targets.counts import bound, counts
-from shmgen.targets.cpp.names import class_name, cpp_name, qualified
+from shmgen.targets.cpp.names import class_name, qualified
 
 _TYPES = {Scalar.BOOL: "::shmgen::Flag", Scalar.FLOAT32: "float", Scalar.FLOAT64: "double"}
 _CLOCKS = {"TIME": "::shmgen::ClockMs", "LTIME": "::shmgen::ClockNs", "struct": "::shmgen::ClockPair"}
@@ -55,10 +56,10 @@ def members(layout: Layout, package: str) -> Iterator[Member]:
             line = element if slot.count is None else f"::std::array<{element}, {slot.count}>"
             is_aligned = slot.align > 1 and slot.role is Role.DATA and not is_packed
             aligned = f"alignas({slot.align}) " if is_aligned else ""
-        declared = f"{aligned}{line} {cpp_name(slot.name)}{{{_initial(slot, layout.options)}}};"
+        declared = f"{aligned}{line} {c_member(slot.name)}{{{_initial(slot, layout.options)}}};"
         if slot.role is Role.PADDING:
-            declared = f"::std::array<::std::uint8_t, {slot.size}> {cpp_name(slot.name)}{{}};"
-        yield Member(declared, cpp_name(slot.name), str(start.offset), str(size), f"{start.offset}{comment}")
+            declared = f"::std::array<::std::uint8_t, {slot.size}> {c_member(slot.name)}{{}};"
+        yield Member(declared, c_member(slot.name), str(start.offset), str(size), f"{start.offset}{comment}")
 
 
 def visits(layout: Layout) -> str:
@@ -67,7 +68,7 @@ def visits(layout: Layout) -> str:
     The expression ends early, as false, if one of the calls returns false.
     """
     slots = [slot for slot in layout.slots if slot.role is Role.DATA]
-    visited = (f"visit({quoted(slot.name.encode())}, message.{cpp_name(slot.name)})" for slot in slots)
+    visited = (f"visit({quoted(slot.name.encode())}, message.{c_member(slot.name)})" for slot in slots)
     return "\n            && ".join(visited) or "true"
 
 
@@ -100,7 +101,7 @@ def constant_line(constant: Constant, options: TypeOptions) -> str:
     doc = in_comment(constant.doc.partition("\n")[0])
     comment = f" /* {doc} */" if doc else ""
     value = _value(constant.value, constant.type, options)
-    return f"static constexpr {kind} {cpp_name(constant.name)} = {value};{comment}"
+    return f"static constexpr {kind} {c_member(constant.name)} = {value};{comment}"
 
 
 def _initial(slot: Slot, options: TypeOptions) -> str:

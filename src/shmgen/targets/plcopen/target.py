@@ -47,11 +47,6 @@ class Section(NamedTuple):
     variables: tuple[Variable, ...]
 
 
-class Attribute(NamedTuple):
-    name: str
-    value: str
-
-
 class Head(NamedTuple):
     """The data that data types, lists and units have in common.
 
@@ -61,7 +56,7 @@ class Head(NamedTuple):
     name: str
     id: str
     comment: str
-    attributes: tuple[Attribute, ...]
+    attributes: tuple[objects.Attribute, ...]
     text: str
 
 
@@ -164,26 +159,17 @@ def stored_object(file: RenderedFile) -> objects.DataType | objects.GlobalList |
 def _stored(item: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
     match item:
         case objects.DataType():
-            return _data_type(item, text)
-        case objects.GlobalList():
-            return _list(item, text)
+            return DataType(
+                _head(item.name, item.head, text),
+                _variables(item.members),
+                base=_type(item.base),
+                alias=_type(item.alias),
+                initial=_text(item.initial),
+            )
+        case objects.GlobalList(variables=section):
+            return GlobalList(_head(item.name, item.head, text), section.constant, _variables(section.variables))
         case _:
             return _unit(item)
-
-
-def _data_type(data_type: objects.DataType, text: str) -> DataType:
-    return DataType(
-        _head(data_type.name, data_type.head, text),
-        _variables(data_type.members),
-        base=_type(data_type.base),
-        alias=_type(data_type.alias),
-        initial=_text(data_type.initial),
-    )
-
-
-def _list(global_list: objects.GlobalList, text: str) -> GlobalList:
-    section = global_list.variables
-    return GlobalList(_head(global_list.name, global_list.head, text), section.constant, _variables(section.variables))
 
 
 _KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
@@ -210,7 +196,7 @@ _OURS = uuid.UUID("6a9c1f0e-5d3b-5f63-9c55-7e1f6d2b8a40")
 
 
 def _head(name: str, head: objects.Head, text: str, within: str = "") -> Head:
-    attributes = tuple(Attribute(_text(attribute.name), _text(attribute.value)) for attribute in head.attributes)
+    attributes = tuple(attribute._replace(value=_text(attribute.value)) for attribute in head.attributes)
     return Head(name, _id(within + name), _text(uncommented(head.comment)), attributes, _text(text))
 
 
