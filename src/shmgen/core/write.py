@@ -247,13 +247,8 @@ def _make_folder(folder: Path) -> list[Path]:
 def _stage(name: str | Path, folder: int | None, text: str) -> None:
     """Write the text into a new temporary file `name`, which the caller later renames to its final name."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-    descriptor = os.open(name, flags, 0o666, dir_fd=folder)
-    try:
-        left = memoryview(text.encode())
-        while left:
-            left = left[os.write(descriptor, left) :]
-    finally:
-        os.close(descriptor)
+    with open(os.open(name, flags, 0o666, dir_fd=folder), "wb") as file:
+        file.write(text.encode())
 
 
 def _remove(folder: Path, path: str) -> bool:
