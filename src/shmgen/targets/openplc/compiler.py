@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from shmgen.core.model import Clock, Element, Ref, Scalar, Slot, String, TypeOptions, assert_never
+from shmgen.core.model import Clock, Element, Ref, Scalar, Slot, String, TypeOptions
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.st import names as st
 
@@ -84,19 +84,13 @@ class Compiler(NamedTuple):
     def spelled(self, type_: Element, options: TypeOptions, *, in_array: bool = False) -> str:
         """Return the Structured Text name of a type. `in_array` is true for the type of an array's elements."""
         match type_:
-            case Scalar.BOOL:
-                return options.bool
-            case Scalar():
-                return type_.iec
-            case Clock():
-                return st.ST_TIME if options.time == "struct" else "TIME"
             case String(capacity, _):
                 assert capacity is not None, "bounds come before targets"
                 return self.text(capacity, in_array)
             case Ref(name):
                 return whole(st.st_type(name))
             case _:
-                assert_never(type_)
+                return st.iec_element(type_, options)
 
     def declared(self, slot: Slot, options: TypeOptions) -> str:
         """Return the declared type of a member, such as `ARRAY[0..35] OF LREAL`."""
