@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from shmgen.core.model import (
+    Array,
     Clock,
     Constant,
     Default,
@@ -107,13 +108,12 @@ def constant_line(constant: Constant, options: TypeOptions) -> str:
 def _initial(slot: Slot, options: TypeOptions) -> str:
     """Return the default of a field as the C++ text between the braces of its declaration. `""` stands for zero."""
     default: Default | None = slot.field.default if slot.field and slot.role is Role.DATA else None
-    if default is None or isinstance(slot.type, (Ref, Clock)):
+    if slot.field is None or default is None or isinstance(slot.type, (Ref, Clock)):
         return ""
     if not isinstance(default, tuple):
         return _value(default, slot.type, options)
     values = ", ".join(_value(value, slot.type, options) for value in default)
-    fixed = slot.field is not None and slot.field.default is not None and type(slot.field.type).__name__ == "Array"
-    return f"{{{values}}}" if fixed else values
+    return f"{{{values}}}" if isinstance(slot.field.type, Array) else values
 
 
 def _value(value: Value, type_: Element, options: TypeOptions) -> str:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Output
 from shmgen.targets import Job
-from shmgen.targets.openplc import embedded, limits, names, program
+from shmgen.targets.openplc import embedded, names, program
 from shmgen.targets.openplc.blocks import Block, Variable
 from shmgen.targets.openplc.compiler import STRUCPP
 from shmgen.targets.openplc.names import whole
@@ -41,7 +41,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
     The program is `openplc/PRG_Ros.st`.
     """
-    limits.check(job.layouts, STRUCPP, "openplc", report)
+    STRUCPP.check(job.layouts, "openplc", report)
     if report.diagnostics:
         return
     blocks = program.blocks(job, STRUCPP)
