@@ -131,7 +131,7 @@ class _Reader:
         self.coming: deque[_Token] = deque()
         self.aside: deque[tuple[int, _Token]] = deque()
         """Comments and pragmas, each with the number of the next token."""
-        self.at = self.count = 0
+        self.at = 0
         self.last = _Token("", "", 0, 1)
 
     def scan(self, text: str) -> Iterator[_Token]:

@@ -9,7 +9,6 @@ the rendered files of st.
 
 from __future__ import annotations
 
-import functools
 import re
 import uuid
 from collections.abc import Iterable, Iterator
@@ -209,7 +208,6 @@ def _variables(variables: Iterable[objects.Variable]) -> tuple[Variable, ...]:
     return tuple(map(_variable, variables))
 
 
-@functools.lru_cache(4096)  # the same variables occur in many blocks
 def _variable(variable: objects.Variable) -> Variable:
     return Variable(
         variable.name,
@@ -226,7 +224,6 @@ _STRING = re.compile(r"(W?STRING)\((\d+)\)")
 _ARRAY = re.compile(r"ARRAY\[([-\d., ]+)\] OF (.+)")
 
 
-@functools.cache
 def _type(spelled: str) -> str:
     """Return a type such as `ARRAY[0..2] OF LREAL` as PLCopen XML, or `""` if there is no type."""
     if array := _ARRAY.fullmatch(spelled):
@@ -250,7 +247,6 @@ def _value(spelled: str | tuple[str, ...]) -> str:
     return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in spelled)}</arrayValue>"
 
 
-@functools.lru_cache(4096)  # the same names and comments occur in many blocks
 def _text(text: str) -> str:
     """Escape text for an XML element or attribute.
 

@@ -8,7 +8,6 @@ rather too long than too short: an unnecessary escape compiles, but a missing es
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Iterator
 
@@ -31,7 +30,6 @@ ST_TIME = "ST_shmgen_Time"
 _USUAL = TypeOptions()
 
 
-@functools.cache
 def st_member(name: str) -> str:
     """Return the name of a field or a constant in Structured Text: `step` -> `step_`.
 

@@ -7,7 +7,6 @@ from definitions except identifiers. Objects with text from definitions are neve
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Iterable, Iterator
 from itertools import dropwhile
@@ -98,7 +97,6 @@ def _variables(lines: Iterable[str], pattern: re.Pattern[str]) -> Iterator[Varia
             above = []
 
 
-@functools.lru_cache(4096)  # the same lines occur in many blocks
 def _variable(line: str, pattern: re.Pattern[str]) -> Variable:
     """Return the variable in a line, with the comment beside it."""
     match = pattern.fullmatch(line)
