@@ -35,7 +35,7 @@ def st_member(name: str) -> str:
 
     CODESYS reserves consecutive underscores, so a sequence of underscores becomes one.
     """
-    single = _single_underscores(name)
+    single = re.sub("__+", "_", name)
     return single + "_" if single.upper() in ST_RESERVED else single
 
 
@@ -128,11 +128,7 @@ def _claims(layout: Layout, package: str) -> Iterator[ClaimedName]:
 
 
 def _st(prefix: str, name: TypeName) -> str:
-    return _single_underscores(f"{prefix}_{name.package}_{name.name}")
-
-
-def _single_underscores(name: str) -> str:
-    return re.sub("__+", "_", name) if "__" in name else name
+    return re.sub("__+", "_", f"{prefix}_{name.package}_{name.name}")
 
 
 _ELEMENTARY_TYPES = words("""
