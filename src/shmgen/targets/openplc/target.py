@@ -21,7 +21,7 @@ from shmgen.targets.openplc.names import whole
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
 from shmgen.targets.st.names import PRG_TOPICS, ST_TIME, st_type
 
-NAMES = names.capital_names("OpenPLC")
+NAMES = names.names("OpenPLC", str.upper)
 PROTOCOL = "SHMGEN_PROTOCOL"
 """The chunk that every block requires."""
 
