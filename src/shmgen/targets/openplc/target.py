@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Output
-from shmgen.targets import Job
+from shmgen.targets import Job, Text
 from shmgen.targets.openplc import embedded, names, program
 from shmgen.targets.openplc.blocks import Block, Variable
 from shmgen.targets.openplc.compiler import STRUCPP
@@ -24,12 +24,6 @@ from shmgen.targets.st.names import PRG_TOPICS, ST_TIME, st_type
 NAMES = names.names("OpenPLC", str.upper)
 PROTOCOL = "SHMGEN_PROTOCOL"
 """The chunk that every block requires."""
-
-
-class Library(NamedTuple):
-    """The template data for the library file: its complete text."""
-
-    text: str
 
 
 class Program(NamedTuple):
@@ -46,9 +40,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         return
     blocks = program.blocks(job, STRUCPP)
     plc_program = program.plan(job, STRUCPP, blocks)
-    yield Output(
-        f"openplc/{job.package}.stlib", "openplc/library.stlib.j2", Library(_library(job, blocks, plc_program))
-    )
+    yield Output(f"openplc/{job.package}.stlib", "text.j2", Text(_library(job, blocks, plc_program)))
     if plc_program:
         yield Output(f"openplc/{PRG_TOPICS}.st", "openplc/program_file.st.j2", Program(plc_program))
 
