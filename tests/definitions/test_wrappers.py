@@ -40,11 +40,11 @@ def test_offsets_of_the_wrappers(tmp_path: Path, source: str) -> None:
 
 def test_service_requires_all_its_parts(tmp_path: Path) -> None:
     start, move = TypeName("cell_msgs", "srv", "Start"), TypeName("cell_msgs", "action", "Move")
-    assert list(interfaces.services(lay_out(tmp_path, "cell_msgs/Start"))) == [start]
-    assert list(interfaces.actions(lay_out(tmp_path, "cell_msgs/action/Move"))) == [move]
+    assert list(interfaces.complete(lay_out(tmp_path, "cell_msgs/Start"))) == [start]
+    assert list(interfaces.complete(lay_out(tmp_path, "cell_msgs/action/Move"))) == [move]
     parts = lay_out(tmp_path, "cell_msgs/Start_Reply", "cell_msgs/Move_Outcome", "cell_msgs/Move_Progress")
     assert {name.name for name in parts} >= {"Start_Reply", "Start_Response", "Move_Outcome", "Move_Result"}
-    assert not [*interfaces.services(parts), *interfaces.actions(parts)]
+    assert not list(interfaces.complete(parts))
 
 
 def test_changed_response_changes_the_digest_of_the_reply(tmp_path: Path) -> None:

@@ -41,12 +41,10 @@ def test_corpus_messages_pass_in_both_directions(
             continue
         _, publisher_kind, subscriber_kind = build.classes(tmp_path, package, name)
         message = random_message(layout, layouts, random.Random(str(name)))
-        subscriber = program.block(st.subscriber_block(name), xEnable=True, sTopic=f"{topic}/to{number}")
-        publisher = program.block(st.publisher_block(name), xEnable=True, sTopic=f"{topic}/from{number}", xSend=False)
-        with (
-            publisher_kind(f"{topic}/to{number}") as writer,
-            subscriber_kind(f"{topic}/from{number}") as reader,
-        ):
+        to_plc, from_plc = f"{topic}/to{number}", f"{topic}/from{number}"
+        subscriber = program.block(st.block_name(name, "Subscriber"), xEnable=True, sTopic=to_plc)
+        publisher = program.block(st.block_name(name, "Publisher"), xEnable=True, sTopic=from_plc, xSend=False)
+        with publisher_kind(to_plc) as writer, subscriber_kind(from_plc) as reader:
             call_until_open(subscriber)
             call_until_open(publisher)
             writer.publish(message)

@@ -112,7 +112,7 @@ class Toy:
                 name = f"{c_type(layout)}_{self.constant(constant.name)}"
                 lines.append(f"#define {name} {value} // {self.comment(constant.doc)}")
             lines += [f"struct {c_type(layout)} {{", *(self.line(slot) for slot in layout.slots), "};", "#endif", ""]
-            yield Output(f"toy/{self.path(layout)}", "ros/text.j2", SimpleNamespace(text="\n".join(lines)))
+            yield Output(f"toy/{self.path(layout)}", "text.j2", SimpleNamespace(text="\n".join(lines)))
 
     def line(self, slot: Slot) -> str:
         many = "" if slot.count is None else f"[{slot.count}]"
@@ -198,7 +198,7 @@ def test_included_target_is_rendered_first_but_not_written() -> None:
         def plan(job: Job, report: Report) -> Iterator[Output]:
             plan_order.append(key)
             before = "".join(file.text for other in after for file in job.rendered[other])
-            yield Output(f"{key}/all.txt", "ros/text.j2", SimpleNamespace(text=f"{before}{key}"))
+            yield Output(f"{key}/all.txt", "text.j2", SimpleNamespace(text=f"{before}{key}"))
 
         return SimpleNamespace(NAMES=None, plan=plan)
 

@@ -70,8 +70,8 @@ def test_c_escapes_keywords_and_macros() -> None:
 def test_structured_text_names_of_a_message() -> None:
     assert st_names.st_type(POSE) == "ST_geometry_msgs_Pose"
     assert st_names.gvl(POSE) == "GVL_geometry_msgs_Pose"
-    assert st_names.publisher_block(POSE) == "FB_geometry_msgs_Pose_Publisher"
-    assert st_names.subscriber_block(POSE) == "FB_geometry_msgs_Pose_Subscriber"
+    assert st_names.block_name(POSE, "Publisher") == "FB_geometry_msgs_Pose_Publisher"
+    assert st_names.block_name(POSE, "Subscriber") == "FB_geometry_msgs_Pose_Subscriber"
     assert st_names.st_type(TypeName("std_srvs", "srv", "SetBool_Request")) == "ST_std_srvs_SetBool_Request"
     assert st_names.st_type(TypeName("odd__pkg_", "msg", "_X")) == "ST_odd_pkg_X"
 

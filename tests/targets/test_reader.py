@@ -38,8 +38,8 @@ def test_reader_parses_handwritten_objects() -> None:
     block = read("FB_A", BLOCK)
     assert isinstance(block, Unit)
     assert [section.keyword for section in block.sections] == ["VAR_INPUT", "VAR"]
-    assert block.sections[1].variables == (("_s", "STRING(80)", "'a;//b'", "Where\nit is."),)
-    assert (block.head.comment, block.body) == (("What it is.",), "xEnable := FALSE;")
+    assert block.sections[1].variables == (("_s", "STRING(80)", "'a;//b'", ("// Where", "// it is.")),)
+    assert (block.head.comment, block.body) == (("// What it is.",), "xEnable := FALSE;")
     assert block.declaration == BLOCK.partition("\n\n")[0]
     assert [(method.name, method.access, method.returns) for method in block.methods] == [("Work", "PRIVATE", "BOOL")]
     enum, struct, constants = read("E_A", ENUM), read("ST_A", STRUCT), read("GVL_A", LIST)

@@ -16,18 +16,8 @@ def open_file(path: str | Path) -> BinaryIO:
 
 def read_file(path: str | Path) -> bytes:
     """Return the content of a regular file. Raises OSError for a missing file, a FIFO or a device."""
-    descriptor = _open_regular(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-    try:
-        pieces = []
-        while piece := os.read(descriptor, _PIECE):
-            pieces.append(piece)
-        return b"".join(pieces)
-    finally:
-        os.close(descriptor)
-
-
-_PIECE = 1 << 16
-"""Bytes of one read; most files are shorter."""
+    with open_file(path) as file:
+        return file.read()
 
 
 def _open_regular(path: str | Path, flags: int) -> int:

@@ -25,6 +25,7 @@ from shmgen.core.model import (
     String,
     TypeName,
     assert_never,
+    element_of,
     ros_type,
 )
 
@@ -59,8 +60,7 @@ _EVENT_INFO: dict[str, FieldType] = {
     "client_gid": Array(Scalar.UINT8, 16),
     "sequence_number": Scalar.INT64,
 }
-
-_Description = dict[str, Any]
+_TIME_FIELDS: dict[str, FieldType] = {"sec": Scalar.INT32, "nanosec": Scalar.UINT32}
 
 
 def type_hash(messages: Iterable[Message]) -> str:
@@ -101,66 +101,48 @@ def hash_of(name: TypeName, known: Mapping[TypeName, Message]) -> str:
 
 def hashes(names: Iterable[TypeName], known: Mapping[TypeName, Message]) -> dict[TypeName, str]:
     """Return the hash of each message in `names`. `known` has the definitions of all these messages and their parts."""
-    described: dict[TypeName, str] = {}
-    nested: dict[TypeName, set[TypeName]] = {}
-
-    def text(name: TypeName) -> str:
-        if name not in described:
-            described[name] = json.dumps(_describe(name, known))
-        return described[name]
-
+    described: dict[TypeName, tuple[str, list[TypeName]]] = {}
     result = {}
     for name in names:
-        others = ", ".join(text(other) for other in sorted(_with_nested(name, known, nested) - {name}, key=str))
-        whole = f'{{"type_description": {text(name)}, "referenced_type_descriptions": [{others}]}}'
+        closure: set[TypeName] = set()
+        waiting = [name]
+        while waiting:
+            part = waiting.pop()
+            if part not in closure:
+                closure.add(part)
+                if part not in described:
+                    described[part] = _describe(part, known)
+                waiting += described[part][1]
+        others = ", ".join(described[other][0] for other in sorted(closure - {name}, key=str))
+        whole = f'{{"type_description": {described[name][0]}, "referenced_type_descriptions": [{others}]}}'
         result[name] = f"RIHS01_{hashlib.sha256(whole.encode()).hexdigest()}"
     return result
 
 
-def _with_nested(
-    name: TypeName, known: Mapping[TypeName, Message], nested: dict[TypeName, set[TypeName]]
-) -> set[TypeName]:
-    """Return the message `name` and all messages that it contains, at any depth. `nested` caches direct references."""
-    result: set[TypeName] = set()
-    waiting = [name]
-    while waiting:
-        name = waiting.pop()
-        if name not in result:
-            result.add(name)
-            if name not in nested:
-                nested[name] = {inner for field in _fields(name, known) if (inner := _message_name(_parts(field)[1]))}
-            waiting += nested[name]
-    return result
-
-
-def _fields(name: TypeName, known: Mapping[TypeName, Message]) -> tuple[Field, ...]:
-    return known[name].fields if name in known else ()
-
-
-def _describe(name: TypeName, known: Mapping[TypeName, Message]) -> _Description:
+def _describe(name: TypeName, known: Mapping[TypeName, Message]) -> tuple[str, list[TypeName]]:
+    """Return the description of a message as JSON, and the messages that its fields contain."""
     if name in TIMES.values():
-        fields = [_field("sec", 6), _field("nanosec", 7)]
+        fields = create_message(name, _TIME_FIELDS).fields
     else:
-        fields = [_field(field.name, *_numbers(field)) for field in known[name].fields] or [_field(FILLER, 3)]
-    return {"type_name": str(name), "fields": fields}
+        fields = known[name].fields or create_message(name, {FILLER: Scalar.UINT8}).fields
+    text = json.dumps({"type_name": str(name), "fields": [_describe_field(field) for field in fields]})
+    elements = (element_of(field.sent or field.type) for field in fields)
+    return text, [nested for element in elements if (nested := _message_name(element))]
 
 
-def _field(name: str, number: int, capacity: int = 0, characters: int = 0, nested: str = "") -> _Description:
-    """Describe a field for the hash. `number` is the id of its type.
-
-    `capacity` is the bound in elements, `characters` the bound in characters. 0 means no bound.
-    """
-    type_ = {"type_id": number, "capacity": capacity, "string_capacity": characters, "nested_type_name": nested}
-    return {"name": name, "type": type_}
-
-
-def _numbers(field: Field) -> tuple[int, int, int, str]:
-    """Return the values that describe the type of a field in the hash, in the order of _field()'s parameters.
-
-    The values are the id of the type, its bounds in elements and in characters (0: no bound), and the name of the
-    message that the field contains, or `""`.
-    """
-    container, element, capacity = _parts(field)
+def _describe_field(field: Field) -> dict[str, Any]:
+    """Describe a field for the hash. A capacity, in elements or in characters, of 0 means no bound."""
+    match field.sent or field.type:
+        case Array(element, length):
+            container, capacity = _ARRAY, length
+        case Sequence(element, None):
+            container, capacity = _SEQUENCE, 0
+        case Sequence(element, bound):
+            container, capacity = _BOUNDED_SEQUENCE, bound or 0
+        case Scalar() | Clock() | String() | Ref() as element:
+            container, capacity = 0, 0
+        case type_:
+            assert_never(type_)
     match element:
         case Scalar():
             number, characters = _WORDS.get(field.word, _SCALARS[element]), 0
@@ -170,27 +152,13 @@ def _numbers(field: Field) -> tuple[int, int, int, str]:
             number, characters = _NESTED, 0
         case _:
             assert_never(element)
-    nested = _message_name(element)
-    return container + number, capacity, characters, str(nested) if nested else ""
-
-
-def _parts(field: Field) -> tuple[int, Element, int]:
-    """Split the type of a field: return a number for its kind, the element type, and the capacity in elements.
-
-    The number, which is added to the id of the element type, represents an array, a bounded sequence or an unbounded
-    sequence. It is 0 for any other type. The capacity is 0 if there is no bound.
-    """
-    match field.sent or field.type:
-        case Array(element, length):
-            return _ARRAY, element, length
-        case Sequence(element, None):
-            return _SEQUENCE, element, 0
-        case Sequence(element, capacity):
-            return _BOUNDED_SEQUENCE, element, capacity or 0
-        case Scalar() | Clock() | String() | Ref() as element:
-            return 0, element, 0
-        case type_:
-            assert_never(type_)
+    numbers = {
+        "type_id": container + number,
+        "capacity": capacity,
+        "string_capacity": characters,
+        "nested_type_name": str(_message_name(element) or ""),
+    }
+    return {"name": field.name, "type": numbers}
 
 
 def _message_name(element: Element) -> TypeName | None:

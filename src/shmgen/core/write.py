@@ -21,10 +21,9 @@ except ImportError:  # on Windows
 
 
 class Written(NamedTuple):
-    """The result of write(): the paths of the changed, unchanged and removed files, relative to the folder."""
+    """The result of write(): the paths of the changed and the removed files, relative to the folder."""
 
     changed: tuple[str, ...]
-    unchanged: tuple[str, ...]
     removed: tuple[str, ...]
 
 
@@ -81,7 +80,7 @@ def write(
         for empty in reversed(created):
             with suppress(OSError):  # another run has put a file into it
                 empty.rmdir()
-    return Written(tuple(changed), tuple(sorted(texts.keys() - changed)), tuple(removed))
+    return Written(tuple(changed), tuple(removed))
 
 
 def current(folder: Path, path: str) -> bytes | None:
@@ -248,13 +247,8 @@ def _make_folder(folder: Path) -> list[Path]:
 def _stage(name: str | Path, folder: int | None, text: str) -> None:
     """Write the text into a new temporary file `name`, which the caller later renames to its final name."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-    descriptor = os.open(name, flags, 0o666, dir_fd=folder)
-    try:
-        left = memoryview(text.encode())
-        while left:
-            left = left[os.write(descriptor, left) :]
-    finally:
-        os.close(descriptor)
+    with open(os.open(name, flags, 0o666, dir_fd=folder), "wb") as file:
+        file.write(text.encode())
 
 
 def _remove(folder: Path, path: str) -> bool:

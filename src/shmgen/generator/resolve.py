@@ -28,7 +28,7 @@ def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
 
 def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
     """Yield the configured services with their types. Reports SHM502 if a type is not a service."""
-    known = {service_type.short: service_type for service_type in interfaces.services(layouts)}
+    known = {name.short: name for name in interfaces.complete(layouts) if name.kind == "srv"}
     for service in config.services:
         if service_type := known.get(service.type.replace("/srv/", "/")):
             yield Service(service.service, service_type, service.server == "plc", service.timeout, service.span)
@@ -44,7 +44,7 @@ def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Servi
 
 def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
     """Yield the configured actions with their types. Reports SHM502 if a type is not an action."""
-    known = {action_type.short: action_type for action_type in interfaces.actions(layouts)}
+    known = {name.short: name for name in interfaces.complete(layouts) if name.kind == "action"}
     for action in config.actions:
         if action_type := known.get(action.type.replace("/action/", "/")):
             yield Action(action.action, action_type, action.server == "plc", action.timeout, action.span)

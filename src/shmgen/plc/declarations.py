@@ -117,7 +117,7 @@ def read(text: str, path: str, first_line: int = 1) -> tuple[list[Declaration], 
             types += reader.types()
         elif word == "VAR_GLOBAL" and "CONSTANT" in (reader.peek().upper(), reader.peek(1).upper()):
             constants += (member for member in reader.members(("END_VAR",)) if member.value)
-        reader.asides(reader.at - 1)
+        reader.asides()
         reader.beside()
     return types, constants
 
@@ -131,7 +131,7 @@ class _Reader:
         self.coming: deque[_Token] = deque()
         self.aside: deque[tuple[int, _Token]] = deque()
         """Comments and pragmas, each with the number of the next token."""
-        self.at = self.count = 0
+        self.at = 0
         self.last = _Token("", "", 0, 1)
 
     def scan(self, text: str) -> Iterator[_Token]:
@@ -185,10 +185,10 @@ class _Reader:
         name(token.text, self.span(token))
         return token
 
-    def asides(self, last: int) -> list[_Token]:
-        """Remove and return the comments and pragmas before token number `last`."""
+    def asides(self) -> list[_Token]:
+        """Remove and return the comments and pragmas before the last token."""
         tokens = []
-        while self.aside and self.aside[0][0] <= last:
+        while self.aside and self.aside[0][0] < self.at:
             tokens.append(self.aside.popleft()[1])
         return tokens
 
@@ -203,12 +203,12 @@ class _Reader:
         return comments
 
     def types(self) -> Iterator[Declaration]:
-        before = self.asides(self.at - 1)
+        before = self.asides()
         while self.peek().upper() != "END_TYPE":
             while self.peek().upper() in _ACCESS and self.peek(1) != ":":
                 self.next()
             called = self.name()
-            before += self.asides(self.at - 1)
+            before += self.asides()
             head = self.until(":")
             extends = "".join(head[1:]) if head and head[0].upper() == "EXTENDS" else ""
             attributes = (_ATTRIBUTE.fullmatch(it.text) for it in before if it.kind == "pragma")
@@ -226,7 +226,7 @@ class _Reader:
         members: tuple[Member, ...] = ()
         if word in ("STRUCT", "UNION"):
             self.need()
-            comment = _comment_text(self.asides(self.at - 1) + self.beside())
+            comment = _comment_text(self.asides() + self.beside())
             members = tuple(self.members((f"END_{word}",)))
             if self.peek() == ";":
                 self.need()
@@ -236,7 +236,7 @@ class _Reader:
             self.need()
             members = tuple(self.enumerators())
         base = self.until(";")
-        comment = _comment_text(self.asides(self.at - 1) + self.beside())
+        comment = _comment_text(self.asides() + self.beside())
         kind = "enum" if is_enum else "alias"
         return Declaration(called.text, kind, members, _spelled(_halves(base)[0]), extends, pack, comment, span)
 
@@ -254,7 +254,7 @@ class _Reader:
             self.until(":")
             declared = self.until(";")
             type_, value = map(_spelled, _halves(declared))
-            comment = _comment_text(self.asides(self.at - 1) + self.beside())
+            comment = _comment_text(self.asides() + self.beside())
             count += len(names)
             if count > MOST:
                 raise Unreadable(f"more than {MOST:,} members", self.span(names[0]))
@@ -273,7 +273,7 @@ class _Reader:
                 value = self.until(",", ")", keep=True)
             if self.peek() == ",":
                 self.need()
-            comment = _comment_text(self.asides(self.at - 1) + self.beside())
+            comment = _comment_text(self.asides() + self.beside())
             count += 1
             if count > MOST:
                 raise Unreadable(f"more than {MOST:,} names", self.span(it))

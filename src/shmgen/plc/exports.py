@@ -224,9 +224,11 @@ def _type(node: _Node) -> str:
 
 
 def _spelled(node: _Node) -> str:
-    inner = node.children[0] if node.children else None
-    if inner is None:
+    if not node.children:
         return ""
+    inner = node.children[0]
+    base = inner.child("baseType")
+    element = _spelled(base) if base else ""
     match inner.tag:
         case "derived":
             return _name(inner)
@@ -234,16 +236,13 @@ def _spelled(node: _Node) -> str:
             bounds = [
                 f"{it.attributes.get('lower')}..{it.attributes.get('upper')}" for it in inner if it.tag == "dimension"
             ]
-            element = inner.child("baseType")
-            return f"ARRAY[{', '.join(bounds)}] OF {_spelled(element) if element else ''}"
+            return f"ARRAY[{', '.join(bounds)}] OF {element}"
         case "string" | "wstring":
             length = inner.attributes.get("length")
             return f"{inner.tag.upper()}({length})" if length else inner.tag.upper()
         case "pointer" | "reference":
-            element = inner.child("baseType")
-            return f"{inner.tag.upper()} TO {_spelled(element) if element else ''}"
+            return f"{inner.tag.upper()} TO {element}"
         case "subrangeSigned" | "subrangeUnsigned":
-            element = inner.child("baseType")
-            return _spelled(element) if element else ""
+            return element
         case other:
             return other

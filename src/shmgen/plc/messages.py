@@ -269,7 +269,7 @@ class _Work:
             raise NotConvertible(
                 f"{declared.name} is an enumeration of base type {declared.base}", "choose an integer as its base type"
             )
-        type_, size = types.SCALARS[base]
+        type_, size = types.SCALARS[base].type, types.SCALARS[base].size
         values = self.numbers.of(declared)
         names = unique([snake(member.name).upper() for member in declared.members])
         lines = []

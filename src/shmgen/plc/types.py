@@ -10,48 +10,6 @@ from shmgen.core.diagnostics import closest
 from shmgen.core.model import OTHER_NAMES, Scalar
 from shmgen.plc.numbers import NotConvertible
 
-SCALARS = {
-    "BOOL": ("bool", 1),
-    "SINT": ("int8", 1),
-    "USINT": ("uint8", 1),
-    "BYTE": ("uint8", 1),
-    "INT": ("int16", 2),
-    "UINT": ("uint16", 2),
-    "WORD": ("uint16", 2),
-    "DINT": ("int32", 4),
-    "UDINT": ("uint32", 4),
-    "DWORD": ("uint32", 4),
-    "LINT": ("int64", 8),
-    "ULINT": ("uint64", 8),
-    "LWORD": ("uint64", 8),
-    "REAL": ("float32", 4),
-    "LREAL": ("float64", 8),
-    "TIME": ("builtin_interfaces/Duration", 4),
-    "TOD": ("uint32", 4),
-    "TIME_OF_DAY": ("uint32", 4),
-    "DATE": ("uint32", 4),
-    "DT": ("uint32", 4),
-    "DATE_AND_TIME": ("uint32", 4),
-    "LTIME": ("uint64", 8),
-    "LTOD": ("uint64", 8),
-    "LDATE": ("uint64", 8),
-    "LDT": ("uint64", 8),
-}
-"""PLC type -> ROS type, and size in bytes."""
-_UNITS = {
-    "TOD": "ms since midnight",
-    "TIME_OF_DAY": "ms since midnight",
-    "DATE": "s since 1970",
-    "DT": "s since 1970",
-    "DATE_AND_TIME": "s since 1970",
-    "LTIME": "ns",
-    "LTOD": "ns since midnight",
-    "LDATE": "ns since 1970",
-    "LDT": "ns since 1970",
-}
-_PLAIN = {"BOOL", "SINT", "USINT", "INT", "UINT", "DINT", "UDINT", "LINT", "ULINT", "REAL", "LREAL", "TIME"}
-"""The types that shmgen itself generates for a ROS type, so that no note with the PLC's type is needed."""
-
 
 class Field(NamedTuple):
     """A field of a .msg file, converted from a type of the PLC."""
@@ -71,6 +29,29 @@ class Field(NamedTuple):
     says: str
     """The note for the field's comment, such as the unit of the number, or `""`."""
 
+
+_USUAL = {scalar.iec: (scalar.value, scalar.size) for scalar in Scalar if scalar is not Scalar.BOOL}
+_USUAL |= {"BOOL": ("bool", 1), "TIME": ("builtin_interfaces/Duration", 4)}
+"""PLC type -> ROS type, and size in bytes, for the types that shmgen itself generates. They need no note."""
+_OTHERS = {
+    "BYTE": ("uint8", 1, ""),
+    "WORD": ("uint16", 2, ""),
+    "DWORD": ("uint32", 4, ""),
+    "LWORD": ("uint64", 8, ""),
+    "TOD": ("uint32", 4, "ms since midnight"),
+    "TIME_OF_DAY": ("uint32", 4, "ms since midnight"),
+    "DATE": ("uint32", 4, "s since 1970"),
+    "DT": ("uint32", 4, "s since 1970"),
+    "DATE_AND_TIME": ("uint32", 4, "s since 1970"),
+    "LTIME": ("uint64", 8, "ns"),
+    "LTOD": ("uint64", 8, "ns since midnight"),
+    "LDATE": ("uint64", 8, "ns since 1970"),
+    "LDT": ("uint64", 8, "ns since 1970"),
+}
+"""PLC type -> ROS type, size in bytes, and unit of the number, for all other types."""
+SCALARS = {name: Field(type_, "", "", 0, size, size, "") for name, (type_, size) in _USUAL.items()}
+SCALARS |= {name: Field(type_, name, "", 0, size, size, unit) for name, (type_, size, unit) in _OTHERS.items()}
+"""PLC type -> the field of a .msg file."""
 
 _ARRAY = re.compile(r"ARRAY\s*\[([^\]]+)\]\s*OF\s+(.+)", re.IGNORECASE | re.DOTALL)
 _STRING = re.compile(r"(W?STRING)\s*(?:[(\[]([^)\]]+)[)\]])?", re.IGNORECASE)
@@ -131,9 +112,7 @@ def field(spelled: str, number: Numbers, named: Named, depth: int = 0) -> Field:
         return Field(f"{string[1].lower()}<={length}", "", "", 0, unit * (length + 1), unit, "")
     word = _base(spelled)
     if word.upper() in SCALARS:
-        type_, size = SCALARS[word.upper()]
-        own = "" if word.upper() in _PLAIN else word.upper()
-        return Field(type_, own, "", 0, size, size, _UNITS.get(word.upper(), ""))
+        return SCALARS[word.upper()]
     type_, own = named(word.partition("(")[0].strip())  # initial values of a function block may follow in brackets
     return Field(type_, own, own, 0, 0, 0, "")
 

@@ -46,6 +46,12 @@ class Options:
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
 
+class Text(NamedTuple):
+    """The template data for a file whose `text` the template inserts unchanged."""
+
+    text: str
+
+
 class RenderedFile(NamedTuple):
     """A rendered file of a target: `output` is its plan (path, template and data), and `text` is its content."""
 

@@ -86,13 +86,7 @@ def check(
     way_out = f"rename one of them, or remove {quoted} from `targets` in shmgen.toml"
     _check_messages(layouts, package, names, way_out, report)
     for layout in layouts.values():
-        members = [names.member(slot.name) for slot in layout.slots]
-        declared = (*names.own_constants, *(constant.name for constant in layout.message.constants))
-        constants = [names.constant(name) for name in declared]
-        for space in (members, constants) if names.constants_apart else (members + constants,):
-            if len(set(map(names.fold, space))) < len(space):
-                _check_one(layout, names, way_out, report)
-                break
+        _check_members(layout, names, way_out, report)
     _check_uses(uses, names, way_out, report)
 
 
@@ -147,11 +141,8 @@ def _constants(layout: Layout, names: Names) -> list[_Named]:
     return own + [_Named(one.name, names.constant(one.name), "", one.span) for one in layout.message.constants]
 
 
-def _check_one(layout: Layout, names: Names, way_out: str, report: Report) -> None:
-    """Report the fields and constants of one message whose names collide in a target.
-
-    This check is slow, so check() calls this function only if a faster test has found a collision.
-    """
+def _check_members(layout: Layout, names: Names, way_out: str, report: Report) -> None:
+    """Report the fields and constants of one message whose names collide in a target."""
     first: dict[tuple[bool, str], _Named] = {}
     all_named = [(named, False) for named in _members(layout, names)]
     all_named += [(named, names.constants_apart) for named in _constants(layout, names)]

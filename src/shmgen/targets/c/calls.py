@@ -10,6 +10,12 @@ from shmgen.targets import interfaces
 from shmgen.targets.c.names import calls_header, calls_name, ends_header, struct_name
 from shmgen.targets.c.text import in_comment
 
+_MEMBERS = {
+    "srv": {"request": "_Request", "response": "_Reply"},
+    "action": {"request": "_Command", "response": "_Outcome", "progress": "_Progress"},
+}
+"""The members of the C structure shmgen_interface, each with the ending of its message."""
+
 
 class Part(NamedTuple):
     """A member of the C structure shmgen_interface, such as `request`, and the name of its messages' C structure."""
@@ -45,18 +51,13 @@ def plan(layouts: Layouts, package: str) -> Iterator[Output]:
 
     The endings `_service.h` and `_action.h` occur in no message's file name.
     """
-    for service in interfaces.services(layouts):
-        yield _output(service, "_Request", "_Reply", None, layouts, package)
-    for action in interfaces.actions(layouts):
-        yield _output(action, "_Command", "_Outcome", "_Progress", layouts, package)
+    for name in interfaces.complete(layouts):
+        yield _output(name, layouts, package)
 
 
-def _output(
-    name: TypeName, request: str, response: str, progress: str | None, layouts: Layouts, package: str
-) -> Output:
+def _output(name: TypeName, layouts: Layouts, package: str) -> Output:
     path = calls_header(name, package)
-    endings = {"request": request, "response": response} | ({"progress": progress} if progress else {})
-    messages = {member: name.part(ending) for member, ending in endings.items()}
+    messages = {member: name.part(ending) for member, ending in _MEMBERS[name.kind].items()}
     parts = tuple(Part(member, struct_name(one)) for member, one in messages.items())
     headers = [f"{package}/shmgen_client.h", f"{package}/shmgen_server.h"]
     view = Calls(
@@ -67,9 +68,9 @@ def _output(
         name=calls_name(name),
         parts=parts,
         headed=parts[1:],
-        number="goal" if progress else "call",
+        number="goal" if "progress" in messages else "call",
         request=parts[0].struct,
         response=parts[1].struct,
-        progress=parts[2].struct if progress else "",
+        progress=parts[2].struct if "progress" in messages else "",
     )
     return Output(f"c/{path}", "c/calls.h.j2", view)

@@ -13,7 +13,7 @@ from shmgen.targets.naming import ClaimedName, Names, file_stem, words
 
 
 def c_member(name: str) -> str:
-    """Return the field's name in a header for C11 and C++17: `default` -> `default_`."""
+    """Return a valid name for a field in C and C++, and for anything else in C++: `default` -> `default_`."""
     return name + "_" if name in C_RESERVED else name
 
 

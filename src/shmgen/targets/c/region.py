@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from shmgen.core import abi
-from shmgen.core.abi import HeaderField, Number
+from shmgen.core.abi import HeaderField
 from shmgen.core.model import Output
 
 _TYPES = {"u8": "uint8_t", "char": "char", "u16": "uint16_t", "u32": "uint32_t", "u64": "uint64_t"}
@@ -39,18 +39,12 @@ class Region(NamedTuple):
     structs: tuple[Struct, ...]
 
 
-def plan(
-    package: str,
-    header: Sequence[HeaderField] = abi.HEADER,
-    slot: Sequence[HeaderField] = abi.SLOT,
-    numbers: Sequence[Number] = abi.NUMBERS,
-    key: str = "c",
-) -> Output:
+def plan(package: str, header: Sequence[HeaderField] = abi.HEADER, key: str = "c") -> Output:
     """Plan the header `<key>/<package>/shmgen.h`. `key` is the target whose folder contains the header."""
     view = Region(
         str(abi.ABI),
-        _columns([(f"#define SHMGEN_{number.name} {_value(number.value)}", number.meaning) for number in numbers]),
-        (_struct("shmgen_region", header, abi.HEADER_SIZE), _struct("shmgen_slot", slot, abi.SLOT_HEADER)),
+        _columns([(f"#define SHMGEN_{number.name} {_value(number.value)}", number.meaning) for number in abi.NUMBERS]),
+        (_struct("shmgen_region", header, abi.HEADER_SIZE), _struct("shmgen_slot", abi.SLOT, abi.SLOT_HEADER)),
     )
     return Output(f"{key}/{package}/shmgen.h", "c/shmgen.h.j2", view)
 

@@ -34,12 +34,8 @@ def in_comment(text: str) -> str:
     A blank splits the marks of comments, and the trigraph `??/`. C11 reads this trigraph as a backslash, which would
     join two lines if it is the last character of a line.
     """
-    printable = "\n".join(map(_printable, text.split("\n")))
+    printable = "".join(sign if sign.isprintable() or sign == "\n" else " " for sign in text)
     return printable.replace("??/", "? ?/").replace("*/", "* /").replace("/*", "/ *").rstrip()
-
-
-def _printable(line: str) -> str:
-    return line if line.isprintable() else "".join(sign if sign.isprintable() else " " for sign in line)
 
 
 def literal(constant: Constant, options: TypeOptions) -> str:

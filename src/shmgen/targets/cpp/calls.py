@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from shmgen.core.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
+from shmgen.targets.c.names import calls_header
 from shmgen.targets.c.text import in_comment
 from shmgen.targets.cpp.names import class_name, header, namespace
 
-_SERVICE = ("Request", "Response", "Reply"), ("Client", "Server")
-_ACTION = ("Goal", "Feedback", "Result", "Command", "Progress", "Outcome"), ("ActionClient", "ActionServer")
+_PARTS = {
+    "srv": ("Request", "Response", "Reply"),
+    "action": ("Goal", "Feedback", "Result", "Command", "Progress", "Outcome"),
+}
+_KINDS = {"srv": ("Client", "Server"), "action": ("ActionClient", "ActionServer")}
+_RUNTIME = {"srv": "shmgen_calls.hpp", "action": "shmgen_actions.hpp"}
 
 
 class Calls(NamedTuple):
@@ -36,26 +41,21 @@ def plan(layouts: Layouts, package: str) -> Iterator[Output]:
 
     The endings `_service.hpp` and `_action.hpp` occur in no message's file name.
     """
-    for service in interfaces.services(layouts):
-        yield _output(service, "service", *_SERVICE, layouts, package)
-    for action in interfaces.actions(layouts):
-        yield _output(action, "action", *_ACTION, layouts, package)
+    for name in interfaces.complete(layouts):
+        yield _output(name, layouts, package)
 
 
-def _output(
-    name: TypeName, word: str, parts: Sequence[str], kinds: Sequence[str], layouts: Layouts, package: str
-) -> Output:
-    path = header(name, package).removesuffix(".hpp") + f"_{word}.hpp"
-    runtime = {"service": "shmgen_calls.hpp", "action": "shmgen_actions.hpp"}[word]
-    messages = [name.part(f"_{part}") for part in parts]
+def _output(name: TypeName, layouts: Layouts, package: str) -> Output:
+    path = calls_header(name, package).removesuffix(".h") + ".hpp"
+    messages = [name.part(f"_{part}") for part in _PARTS[name.kind]]
     view = Calls(
         title=str(name),
         origin=in_comment(layouts[messages[-1]].message.origin),
         guard=path.upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/{runtime}", *sorted(header(part, package) for part in messages)),
+        includes=(f"{package}/{_RUNTIME[name.kind]}", *sorted(header(part, package) for part in messages)),
         open=tuple(namespace(name, package).split("::")),
         name=class_name(name),
-        parts=tuple(parts),
-        kinds=tuple(kinds),
+        parts=_PARTS[name.kind],
+        kinds=_KINDS[name.kind],
     )
     return Output(f"cpp/{path}", "cpp/calls.hpp.j2", view)

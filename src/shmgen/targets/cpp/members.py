@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from shmgen.core.model import (
+    Array,
     Clock,
     Constant,
     Default,
@@ -20,10 +21,11 @@ from shmgen.core.model import (
     assert_never,
     ros_type,
 )
+from shmgen.targets.c.names import c_member
 from shmgen.targets.c.target import Member
 from shmgen.targets.c.text import in_comment, quoted, quoted_wide
 from shmgen.targets.counts import bound, counts
-from shmgen.targets.cpp.names import class_name, cpp_name, qualified
+from shmgen.targets.cpp.names import class_name, qualified
 
 _TYPES = {Scalar.BOOL: "::shmgen::Flag", Scalar.FLOAT32: "float", Scalar.FLOAT64: "double"}
 _CLOCKS = {"TIME": "::shmgen::ClockMs", "LTIME": "::shmgen::ClockNs", "struct": "::shmgen::ClockPair"}
@@ -55,10 +57,10 @@ def members(layout: Layout, package: str) -> Iterator[Member]:
             line = element if slot.count is None else f"::std::array<{element}, {slot.count}>"
             is_aligned = slot.align > 1 and slot.role is Role.DATA and not is_packed
             aligned = f"alignas({slot.align}) " if is_aligned else ""
-        declared = f"{aligned}{line} {cpp_name(slot.name)}{{{_initial(slot, layout.options)}}};"
+        declared = f"{aligned}{line} {c_member(slot.name)}{{{_initial(slot, layout.options)}}};"
         if slot.role is Role.PADDING:
-            declared = f"::std::array<::std::uint8_t, {slot.size}> {cpp_name(slot.name)}{{}};"
-        yield Member(declared, cpp_name(slot.name), str(start.offset), str(size), f"{start.offset}{comment}")
+            declared = f"::std::array<::std::uint8_t, {slot.size}> {c_member(slot.name)}{{}};"
+        yield Member(declared, c_member(slot.name), str(start.offset), str(size), f"{start.offset}{comment}")
 
 
 def visits(layout: Layout) -> str:
@@ -67,7 +69,7 @@ def visits(layout: Layout) -> str:
     The expression ends early, as false, if one of the calls returns false.
     """
     slots = [slot for slot in layout.slots if slot.role is Role.DATA]
-    visited = (f"visit({quoted(slot.name.encode())}, message.{cpp_name(slot.name)})" for slot in slots)
+    visited = (f"visit({quoted(slot.name.encode())}, message.{c_member(slot.name)})" for slot in slots)
     return "\n            && ".join(visited) or "true"
 
 
@@ -100,19 +102,18 @@ def constant_line(constant: Constant, options: TypeOptions) -> str:
     doc = in_comment(constant.doc.partition("\n")[0])
     comment = f" /* {doc} */" if doc else ""
     value = _value(constant.value, constant.type, options)
-    return f"static constexpr {kind} {cpp_name(constant.name)} = {value};{comment}"
+    return f"static constexpr {kind} {c_member(constant.name)} = {value};{comment}"
 
 
 def _initial(slot: Slot, options: TypeOptions) -> str:
     """Return the default of a field as the C++ text between the braces of its declaration. `""` stands for zero."""
     default: Default | None = slot.field.default if slot.field and slot.role is Role.DATA else None
-    if default is None or isinstance(slot.type, (Ref, Clock)):
+    if slot.field is None or default is None or isinstance(slot.type, (Ref, Clock)):
         return ""
     if not isinstance(default, tuple):
         return _value(default, slot.type, options)
     values = ", ".join(_value(value, slot.type, options) for value in default)
-    fixed = slot.field is not None and slot.field.default is not None and type(slot.field.type).__name__ == "Array"
-    return f"{{{values}}}" if fixed else values
+    return f"{{{values}}}" if isinstance(slot.field.type, Array) else values
 
 
 def _value(value: Value, type_: Element, options: TypeOptions) -> str:

@@ -9,19 +9,14 @@ from shmgen.targets.c.names import c_member
 from shmgen.targets.naming import ClaimedName, Names, file_stem
 
 
-def cpp_name(name: str) -> str:
-    """Return a valid name for a field, a constant, a class or a package: `default` -> `default_`."""
-    return c_member(name)
-
-
 def namespace(name: TypeName, package: str) -> str:
     """Return the namespace of a message's class: `shm_msgs::geometry_msgs::msg`."""
-    return f"{package}::{cpp_name(name.package)}::{name.kind}"
+    return f"{package}::{c_member(name.package)}::{name.kind}"
 
 
 def class_name(name: TypeName) -> str:
     """Return the class name of a message, such as `Pose`."""
-    return cpp_name(name.name)
+    return c_member(name.name)
 
 
 def qualified(name: TypeName, package: str) -> str:
@@ -39,7 +34,7 @@ def header(name: TypeName, package: str) -> str:
 
 def _claims(layout: Layout, package: str) -> Iterator[ClaimedName]:
     space = namespace(layout.name, package)
-    yield ClaimedName("namespace", cpp_name(layout.name.package), package, layout.name.package)
+    yield ClaimedName("namespace", c_member(layout.name.package), package, layout.name.package)
     yield ClaimedName("class", class_name(layout.name), space)
     if layout.message.constants:
         yield ClaimedName("class", f"{class_name(layout.name)}_Constants", space, is_derived=True)
@@ -57,4 +52,4 @@ _CALLS = {"_Reply": ("", "Client", "Server"), "_Outcome": ("", "ActionClient", "
 """The suffixes of a service's and an action's classes, by the message that shmgen adds to each."""
 
 
-NAMES = Names("C++", member=cpp_name, constant=cpp_name, claims=_claims)
+NAMES = Names("C++", member=c_member, constant=c_member, claims=_claims)

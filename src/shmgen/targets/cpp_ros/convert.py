@@ -8,8 +8,9 @@ from typing import NamedTuple
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Clock, Layout, Output, Role, TypeName
 from shmgen.targets import Job
+from shmgen.targets.c.names import c_member
 from shmgen.targets.c.text import in_comment
-from shmgen.targets.cpp.names import class_name, cpp_name, header, namespace, qualified
+from shmgen.targets.cpp.names import class_name, header, namespace, qualified
 from shmgen.targets.naming import ClaimedName, Names, file_stem
 
 
@@ -70,11 +71,11 @@ class Ros(NamedTuple):
     @property
     def NAMES(self) -> Names:
         """The naming rules. Only the names of files are new: classes keep their names from the target cpp."""
-        return Names(f"C++ for ROS {self.key[-1]}", member=cpp_name, constant=cpp_name, claims=self._claims)
+        return Names(f"C++ for ROS {self.key[-1]}", member=c_member, constant=c_member, claims=self._claims)
 
     def _claims(self, layout: Layout, package: str) -> Iterator[ClaimedName]:
         if split(layout.name):
-            yield ClaimedName("namespace", cpp_name(layout.name.package), package, layout.name.package)
+            yield ClaimedName("namespace", c_member(layout.name.package), package, layout.name.package)
             yield ClaimedName("class", class_name(layout.name), namespace(layout.name, package))
             yield ClaimedName("file", header(layout.name, _root(self.key, package)))
 
@@ -94,14 +95,14 @@ class Ros(NamedTuple):
 ROS1 = Ros(
     "cpp_ros1",
     lambda whole, half: f"{whole.package}/{whole.name}{half}.h",
-    lambda whole, half: f"::{cpp_name(whole.package)}::{cpp_name(whole.name + half)}",
+    lambda whole, half: f"::{c_member(whole.package)}::{c_member(whole.name + half)}",
     adapts=False,
 )
 """The target for roscpp's classes, such as `geometry_msgs::Pose`."""
 ROS2 = Ros(
     "cpp_ros2",
     lambda whole, half: f"{whole.package}/{whole.kind}/{file_stem(whole)}.hpp",
-    lambda whole, half: f"::{cpp_name(whole.package)}::{whole.kind}::{cpp_name(whole.name + (half and '_' + half))}",
+    lambda whole, half: f"::{c_member(whole.package)}::{whole.kind}::{c_member(whole.name + (half and '_' + half))}",
     adapts=True,
 )
 """The target for rosidl's classes, such as `geometry_msgs::msg::Pose`, with TypeAdapters."""
@@ -127,4 +128,4 @@ def _steps(layout: Layout) -> Iterator[Step]:
     for slot in layout.slots:
         if slot.role is Role.DATA:
             kind = f"::shmgen::{slot.type.value}" if isinstance(slot.type, Clock) else "void"
-            yield Step(cpp_name(slot.name), kind)
+            yield Step(c_member(slot.name), kind)

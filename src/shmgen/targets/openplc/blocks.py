@@ -18,6 +18,7 @@ from shmgen.targets.openplc.copying import copies
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.st import names as st
 from shmgen.targets.st import objects, reader
+from shmgen.targets.st.text import uncommented
 
 
 class Variable(NamedTuple):
@@ -36,12 +37,10 @@ class Block(NamedTuple):
     doc: str
     inputs: tuple[Variable, ...]
     outputs: tuple[Variable, ...]
-    locals: tuple[Variable, ...]
     body: tuple[str, ...]
     needs: tuple[TypeName, ...]
 
 
-END = Variable("_udiEnd", "UDINT", "handle of the open region, set by the block; do not write")
 _ERROR = "E_ShmError"
 
 
@@ -68,10 +67,10 @@ class Blocks:
         unit = reader.read(name, self._units[name])
         assert isinstance(unit, objects.Unit)
         inputs, outputs = (tuple(map(self._spelled, section.variables)) for section in unit.sections[:2])
-        return Block(whole(name), unit.head.comment[0], inputs, outputs, (END,), tuple(body), needs)
+        return Block(whole(name), uncommented(unit.head.comment[:1]), inputs, outputs, tuple(body), needs)
 
     def _spelled(self, variable: objects.Variable) -> Variable:
-        comment = re.sub(r"[A-Z_]{4,}", self._with_code, variable.comment)
+        comment = re.sub(r"[A-Z_]{4,}", self._with_code, uncommented(variable.comment))
         return Variable(variable.name, self._types.get(variable.type, variable.type), comment, str(variable.value))
 
     def _with_code(self, word: re.Match[str]) -> str:
@@ -85,8 +84,8 @@ class Blocks:
 def pair(layout: Layout, layouts: Layouts, compiler: Compiler, known: Blocks) -> tuple[Block, Block]:
     name = layout.name
     return (
-        known.block(st.publisher_block(name), _publish(layout, layouts, compiler), (name,)),
-        known.block(st.subscriber_block(name), _read(layout, layouts, compiler), (name,)),
+        known.block(st.block_name(name, "Publisher"), _publish(layout, layouts, compiler), (name,)),
+        known.block(st.block_name(name, "Subscriber"), _read(layout, layouts, compiler), (name,)),
     )
 
 

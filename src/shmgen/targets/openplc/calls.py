@@ -27,7 +27,7 @@ class Call(NamedTuple):
     compiler: Compiler
     question: Layout
     answer: Layout
-    progress: Layout | None
+    progress: Layout | None = None
 
     def part(self, ending: str) -> Layout:
         return self.layouts[self.name.part(ending)]
@@ -36,8 +36,8 @@ class Call(NamedTuple):
     def needs(self) -> tuple[TypeName, ...]:
         return tuple(layout.name for layout in (self.question, self.answer, self.progress) if layout)
 
-    def copied(self, layout: Layout, variable: str, at: str) -> list[str]:
-        """Return C that copies the message at the C expression `at` to a variable of the block."""
+    def copied(self, layout: Layout, variable: str, at: str) -> Iterator[str]:
+        """Yield the C statements that copy the message at the C expression `at` to a variable of the block."""
         return copies(layout, self.layouts, self.compiler, self.compiler.structure(variable), at, to_plc=True)
 
 
@@ -46,16 +46,12 @@ def blocks(layouts: Layouts, compiler: Compiler, known: Blocks) -> Iterator[Bloc
 
     `known` supplies the inputs and outputs of the blocks, from the blocks of the target st.
     """
-    for name in interfaces.services(layouts):
-        request, reply = (layouts[name.part(part)] for part in ("_Request", "_Reply"))
-        call = Call(name, layouts, compiler, request, reply, None)
-        yield known.block(st.client_block(name), _calls(call), call.needs)
-        yield known.block(st.server_block(name), _serves(call), call.needs)
-    for name in interfaces.actions(layouts):
-        parts = [layouts[name.part(part)] for part in ("_Command", "_Outcome", "_Progress")]
-        call = Call(name, layouts, compiler, *parts)
-        yield known.block(st.action_client_block(name), _calls(call), call.needs)
-        yield known.block(st.action_server_block(name), _serves(call), call.needs)
+    endings = {"srv": ("_Request", "_Reply"), "action": ("_Command", "_Outcome", "_Progress")}
+    for name in interfaces.complete(layouts):
+        call = Call(name, layouts, compiler, *(layouts[name.part(ending)] for ending in endings[name.kind]))
+        action = "Action" if call.progress else ""
+        yield known.block(st.block_name(name, f"{action}Client"), _calls(call), call.needs)
+        yield known.block(st.block_name(name, f"{action}Server"), _serves(call), call.needs)
 
 
 def _constant(layout: Layout, name: str) -> int:

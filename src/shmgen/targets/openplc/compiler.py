@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from shmgen.core.model import Clock, Element, Ref, Scalar, Slot, String, TypeOptions, assert_never
+from shmgen.core.diagnostics import Report
+from shmgen.core.model import Clock, Element, Layouts, Ref, Scalar, Slot, String, TypeOptions
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.st import names as st
 
@@ -84,24 +85,40 @@ class Compiler(NamedTuple):
     def spelled(self, type_: Element, options: TypeOptions, *, in_array: bool = False) -> str:
         """Return the Structured Text name of a type. `in_array` is true for the type of an array's elements."""
         match type_:
-            case Scalar.BOOL:
-                return options.bool
-            case Scalar():
-                return type_.iec
-            case Clock():
-                return st.ST_TIME if options.time == "struct" else "TIME"
             case String(capacity, _):
                 assert capacity is not None, "bounds come before targets"
                 return self.text(capacity, in_array)
             case Ref(name):
                 return whole(st.st_type(name))
             case _:
-                assert_never(type_)
+                return st.iec_element(type_, options)
 
     def declared(self, slot: Slot, options: TypeOptions) -> str:
         """Return the declared type of a member, such as `ARRAY[0..35] OF LREAL`."""
         element = self.spelled(slot.type, options, in_array=slot.count is not None)
         return element if slot.count is None else f"ARRAY[0..{slot.count - 1}] OF {element}"
+
+    def check(self, layouts: Layouts, key: str, report: Report) -> None:
+        """Report SHM305 for each field that the compiler cannot represent. `key` is the target's key."""
+        for layout in layouts.values():
+            for slot in layout.slots:
+                fault, hint = self._fault(slot.type, layout.options)
+                if fault and slot.field and not report.is_enough(slot.field.span.path):
+                    hint = f'{hint}, or remove "{key}" from `targets` in shmgen.toml'
+                    span, where = slot.field.span.at(slot.field.name), f"{layout.name.short}.{slot.name}"
+                    report.error("SHM305", f"{fault} {self.title}", span, field=where, hint=hint)
+
+    def _fault(self, type_: Element, options: TypeOptions) -> tuple[str, str]:
+        """Return the reason why the compiler cannot represent a type, and a hint, or two empty strings."""
+        match type_:
+            case String(wide=True):
+                return "WSTRING does not exist in", "change the type to `string` in the definition"
+            case String(capacity, _) if (capacity or 0) > self.longest:
+                most = f"{self.longest} bytes"
+                return f"{capacity} bytes are more than {most}, the limit of a STRING in", f"lower the bound to {most}"
+            case Clock() if options.time == "LTIME":
+                return "LTIME does not exist in", 'set time = "TIME" or "struct" in shmgen.toml'
+        return "", ""
 
     def _seconds(self, plc: str, c: str) -> Iterator[tuple[str, str]]:
         """Yield the pairs of members to copy between the time `plc` of the program and the time `c` of the message."""

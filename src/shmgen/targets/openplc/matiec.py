@@ -12,7 +12,7 @@ from typing import NamedTuple
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Output
 from shmgen.targets import Job
-from shmgen.targets.openplc import embedded, limits, names, program
+from shmgen.targets.openplc import embedded, names, program
 from shmgen.targets.openplc.blocks import Block
 from shmgen.targets.openplc.compiler import MATIEC
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
@@ -44,7 +44,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
     If shmgen.toml names topics, services or actions, also yield `matiec/upload.st`.
     """
-    limits.check(job.layouts, MATIEC, "matiec", report)
+    MATIEC.check(job.layouts, "matiec", report)
     if report.diagnostics:
         return
     whole = program.blocks(job, MATIEC)

@@ -7,7 +7,7 @@ is therefore `type_0` here. The reserved words are the words of the target st, o
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from shmgen.core.model import Layout
 from shmgen.targets.naming import ClaimedName, Names, words
@@ -16,7 +16,6 @@ from shmgen.targets.st import names as st
 
 GLOBALS = "GVL_Ros"
 """The global structure with a member for each topic, service and action. Its type is ST_Ros."""
-PROGRAM = st.PRG_TOPICS
 
 _MATIEC = words("""
     CD CLK CU DREF DS EN ENO FROM F_EDGE N NON_RETAIN NULL P P0 P1 PT PV R1 READ_ONLY READ_WRITE REF R_EDGE S1 SAFEBOOL
@@ -47,19 +46,14 @@ def topic(name: str) -> str:
     return member(name.removeprefix("/").replace("/", "_"))
 
 
-def _claims(layout: Layout, package: str) -> Iterator[ClaimedName]:
-    yield ClaimedName("type", whole(st.st_type(layout.name)))
+def names(title: str, case: Callable[[str], str] = str) -> Names:
+    """Return the naming rules of an open compiler. `case` is str.upper if all names are in capitals."""
 
+    def spelled(name: str) -> str:
+        return case(member(name))
 
-def names(title: str) -> Names:
+    def claims(layout: Layout, package: str) -> Iterator[ClaimedName]:
+        yield ClaimedName("type", case(whole(st.st_type(layout.name))))
+
     own = (st.ST_TIME, "ST_Ros")
-    return Names(title, member, member, _claims, fold=str.upper, own=own, constants_apart=True, use=topic)
-
-
-def capital_names(title: str) -> Names:
-    """Return the naming rules of an open compiler, with all names in capitals."""
-    return names(title)._replace(
-        member=lambda name: member(name).upper(),
-        constant=lambda name: member(name).upper(),
-        claims=lambda layout, package: (one._replace(name=one.name.upper()) for one in _claims(layout, package)),
-    )
+    return Names(title, spelled, spelled, claims, fold=str.upper, own=own, constants_apart=True, use=topic)

@@ -19,9 +19,6 @@ from shmgen.targets.st.calls import parts
 from shmgen.targets.st.names import gvl
 from shmgen.targets.st.program import Use, uses
 
-RESOURCE = "Res0"
-TASK = "RosTask"
-
 
 class Instance(NamedTuple):
     """A block that the program calls for the topic, service or action `name`. `block` is the block's type.
@@ -43,14 +40,11 @@ class Program(NamedTuple):
     shmgen's program.
     """
 
-    name: str
     structures: tuple[Structure, ...]
     variables: tuple[Variable, ...]
     instances: tuple[Instance, ...]
     interval: str
     own: tuple[Source, ...]
-    resource: str = RESOURCE
-    task: str = TASK
 
 
 def blocks(job: Job, compiler: Compiler) -> tuple[Block, ...]:
@@ -72,7 +66,7 @@ def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | N
     known = {block.name: block for block in blocks}
     structures: dict[str, Structure] = {}
     members, instances = [], []
-    for use in uses(job.topics, job.services, job.actions):
+    for use in uses(job):
         block = known[names.whole(use.block)]
         stored = _stored(block)
         structures[stored.name] = stored
@@ -81,7 +75,6 @@ def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | N
     every = Structure("ST_Ros", "the inputs and outputs of all topics, services and actions", tuple(members))
     lists = [one for layout in ordered(job.layouts) if (one := _constants(layout, compiler))]
     return Program(
-        names.PROGRAM,
         (*structures.values(), every, *(structure for structure, _ in lists)),
         (Variable(names.GLOBALS, every.name, every.doc), *(variable for _, variable in lists)),
         tuple(instances),

@@ -13,23 +13,17 @@ from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Output
-from shmgen.targets import Job
-from shmgen.targets.openplc import embedded, limits, names, program
+from shmgen.targets import Job, Text
+from shmgen.targets.openplc import embedded, names, program
 from shmgen.targets.openplc.blocks import Block, Variable
 from shmgen.targets.openplc.compiler import STRUCPP
 from shmgen.targets.openplc.names import whole
 from shmgen.targets.openplc.types import SECONDS, Structure, ordered, structure
-from shmgen.targets.st.names import ST_TIME, st_type
+from shmgen.targets.st.names import PRG_TOPICS, ST_TIME, st_type
 
-NAMES = names.capital_names("OpenPLC")
+NAMES = names.names("OpenPLC", str.upper)
 PROTOCOL = "SHMGEN_PROTOCOL"
 """The chunk that every block requires."""
-
-
-class Library(NamedTuple):
-    """The template data for the library file: its complete text."""
-
-    text: str
 
 
 class Program(NamedTuple):
@@ -41,16 +35,14 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
     The program is `openplc/PRG_Ros.st`.
     """
-    limits.check(job.layouts, STRUCPP, "openplc", report)
+    STRUCPP.check(job.layouts, "openplc", report)
     if report.diagnostics:
         return
     blocks = program.blocks(job, STRUCPP)
     plc_program = program.plan(job, STRUCPP, blocks)
-    yield Output(
-        f"openplc/{job.package}.stlib", "openplc/library.stlib.j2", Library(_library(job, blocks, plc_program))
-    )
+    yield Output(f"openplc/{job.package}.stlib", "text.j2", Text(_library(job, blocks, plc_program)))
     if plc_program:
-        yield Output(f"openplc/{names.PROGRAM}.st", "openplc/program_file.st.j2", Program(plc_program))
+        yield Output(f"openplc/{PRG_TOPICS}.st", "openplc/program_file.st.j2", Program(plc_program))
 
 
 def _library(job: Job, blocks: tuple[Block, ...], plc_program: program.Program | None) -> str:
@@ -130,8 +122,9 @@ def _class(block: Block) -> Iterator[str]:
     name = block.name.upper()
     yield f"class {name} {{"
     yield "public:"
-    for variable in (*block.inputs, *block.outputs, *block.locals):
+    for variable in (*block.inputs, *block.outputs):
         yield f"    {_cpp_type(variable.type)} {variable.name.upper()}{{{_cpp_value(variable)}}};"
+    yield "    IEC_UDINT _UDIEND{};"
     yield "    IEC_BOOL ENO{true};"
     yield f"    {name}();"
     yield "    void operator()();"

@@ -75,7 +75,7 @@ def _value(slot: Slot, layout: Layout) -> str:
     if slot.role is not Role.DATA or default in (None, ()) or not isinstance(slot.type, Scalar):
         return ""
     values = default if isinstance(default, tuple) else (default,)
-    if isinstance(slot.type, String) or any(isinstance(one, float) and not _is_small(one) for one in values):
+    if any(isinstance(one, float) and not _is_small(one) for one in values):
         return ""
     spelled = [literal(one, slot.type, layout.options) for one in values]
     if any(one is None or " " in one for one in spelled):

@@ -9,7 +9,6 @@ the rendered files of st.
 
 from __future__ import annotations
 
-import functools
 import re
 import uuid
 from collections.abc import Iterable, Iterator
@@ -20,24 +19,10 @@ from shmgen.core.model import Output
 from shmgen.targets import Job, RenderedFile
 from shmgen.targets.st import objects, reader
 from shmgen.targets.st.names import PRG_TOPICS
+from shmgen.targets.st.text import uncommented
 
 NAMES = None
 """None, because the target st creates and checks all names."""
-
-LIBRARIES = (
-    ("SysShm", "SysShm", True),
-    ("SysSemProcess", "SysSemProcess", True),
-    ("SysTypes2 Interfaces", "SysTypes", False),
-)
-"""Title and namespace of each library that FB_ShmRegion uses, and True if exports use a placeholder for the library."""
-FOLDER = "ROS"
-"""The application's folder for all generated objects, with a subfolder for each package, as in `st/`."""
-TASK = "RosTask"
-PRIORITY = "10"
-"""The priority of the task. In CODESYS, 0 is the highest priority and 31 the lowest.
-
-The task of a new project has priority 1. Control takes precedence over communication.
-"""
 
 
 class Variable(NamedTuple):
@@ -61,11 +46,6 @@ class Section(NamedTuple):
     variables: tuple[Variable, ...]
 
 
-class Attribute(NamedTuple):
-    name: str
-    value: str
-
-
 class Head(NamedTuple):
     """The data that data types, lists and units have in common.
 
@@ -75,7 +55,7 @@ class Head(NamedTuple):
     name: str
     id: str
     comment: str
-    attributes: tuple[Attribute, ...]
+    attributes: tuple[objects.Attribute, ...]
     text: str
 
 
@@ -114,21 +94,8 @@ class Unit(NamedTuple):
     methods: tuple[Unit, ...]
 
 
-class Library(NamedTuple):
-    """The template data for a library of CODESYS that the generated code needs.
-
-    `name` is the name in the library manager. `resolution` is the library's title with its version and company.
-    """
-
-    name: str
-    title: str
-    namespace: str
-    resolution: str
-    is_placeholder: bool
-
-
 class Folder(NamedTuple):
-    """A folder of the IDE with the objects of one package."""
+    """The objects of one package. The name is `""` for the objects outside the folders of packages."""
 
     name: str
     objects: tuple[DataType | GlobalList | Unit, ...]
@@ -138,8 +105,7 @@ class Project(NamedTuple):
     """The template data for the XML file and the import script.
 
     * `data_types`, `lists` and `units` together contain all objects, as the XML file groups them.
-    * `folders` and `loose` contain the same objects, as the IDE groups them. `folders` are the subfolders of the folder
-      `folder`. `loose` has one Folder without a name for the objects outside the subfolders, or is empty.
+    * `folders` contains the same objects, as the IDE groups them in the folder `ROS`.
     * `seconds` and `milliseconds` are the interval of the task, for PLCopen and for CODESYS.
     * `library_manager` is the id of the IDE's object with the list of libraries.
     """
@@ -148,16 +114,10 @@ class Project(NamedTuple):
     lists: tuple[GlobalList, ...]
     units: tuple[Unit, ...]
     folders: tuple[Folder, ...]
-    loose: tuple[Folder, ...]
-    libraries: tuple[Library, ...]
     has_task: bool
     seconds: str
     milliseconds: str
-    task: str = TASK
-    priority: str = PRIORITY
-    program: str = PRG_TOPICS
-    folder: str = FOLDER
-    library_manager: str = ""
+    library_manager: str
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
@@ -166,29 +126,21 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     for file in sorted(job.rendered["st"], key=lambda file: file.output.path):
         _, *below, _ = file.output.path.split("/")
         folders.setdefault("/".join(below), []).append(_stored(stored_object(file), file.text.rstrip("\n")))
-    loose = tuple(folders.pop("", ()))
-    all_objects = [*(one for objects in folders.values() for one in objects), *loose]
+    folders[""] = folders.pop("", [])  # the last folder
+    all_objects = [one for objects in folders.values() for one in objects]
     interval = job.options.task_interval
     view = Project(
         data_types=tuple(one for one in all_objects if isinstance(one, DataType)),
         lists=tuple(one for one in all_objects if isinstance(one, GlobalList)),
         units=tuple(one for one in all_objects if isinstance(one, Unit)),
         folders=tuple(Folder(name, tuple(objects)) for name, objects in folders.items()),
-        loose=(Folder("", loose),) if loose else (),
-        libraries=tuple(_libraries()),
-        has_task=any(one.head.name == PRG_TOPICS for one in loose),
+        has_task=any(one.head.name == PRG_TOPICS for one in all_objects),
         seconds=f"{interval / 1000:f}".rstrip("0").rstrip("."),
         milliseconds=str(interval),
         library_manager=_id("Library Manager"),
     )
     yield Output("plcopen/shmgen.xml", "plcopen/project.xml.j2", view)
     yield Output("plcopen/import_shmgen.py", "plcopen/import_shmgen.py.j2", view)
-
-
-def _libraries() -> Iterator[Library]:
-    for title, namespace, is_placeholder in LIBRARIES:
-        resolution = f"{title}, * (System)"
-        yield Library(f"#{title}" if is_placeholder else resolution, title, namespace, resolution, is_placeholder)
 
 
 def stored_object(file: RenderedFile) -> objects.DataType | objects.GlobalList | objects.Unit:
@@ -206,26 +158,17 @@ def stored_object(file: RenderedFile) -> objects.DataType | objects.GlobalList |
 def _stored(item: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
     match item:
         case objects.DataType():
-            return _data_type(item, text)
-        case objects.GlobalList():
-            return _list(item, text)
+            return DataType(
+                _head(item.name, item.head, text),
+                _variables(item.members),
+                base=_type(item.base),
+                alias=_type(item.alias),
+                initial=_text(item.initial),
+            )
+        case objects.GlobalList(variables=section):
+            return GlobalList(_head(item.name, item.head, text), section.constant, _variables(section.variables))
         case _:
             return _unit(item)
-
-
-def _data_type(data_type: objects.DataType, text: str) -> DataType:
-    return DataType(
-        _head(data_type.name, data_type.head, text),
-        _variables(data_type.members),
-        base=_type(data_type.base),
-        alias=_type(data_type.alias),
-        initial=_text(data_type.initial),
-    )
-
-
-def _list(global_list: objects.GlobalList, text: str) -> GlobalList:
-    section = global_list.variables
-    return GlobalList(_head(global_list.name, global_list.head, text), section.constant, _variables(section.variables))
 
 
 _KINDS = {"FUNCTION_BLOCK": "functionBlock", "PROGRAM": "program", "METHOD": ""}
@@ -252,8 +195,8 @@ _OURS = uuid.UUID("6a9c1f0e-5d3b-5f63-9c55-7e1f6d2b8a40")
 
 
 def _head(name: str, head: objects.Head, text: str, within: str = "") -> Head:
-    attributes = tuple(Attribute(_text(attribute.name), _text(attribute.value)) for attribute in head.attributes)
-    return Head(name, _id(within + name), _text("\n".join(head.comment)), attributes, _text(text))
+    attributes = tuple(attribute._replace(value=_text(attribute.value)) for attribute in head.attributes)
+    return Head(name, _id(within + name), _text(uncommented(head.comment)), attributes, _text(text))
 
 
 def _id(name: str) -> str:
@@ -265,14 +208,13 @@ def _variables(variables: Iterable[objects.Variable]) -> tuple[Variable, ...]:
     return tuple(map(_variable, variables))
 
 
-@functools.lru_cache(4096)  # the same variables occur in many blocks
 def _variable(variable: objects.Variable) -> Variable:
     return Variable(
         variable.name,
         _type(variable.type),
         _value(variable.value) if variable.value else "",
         _text(variable.value) if isinstance(variable.value, str) else "",
-        _text(variable.comment),
+        _text(uncommented(variable.comment)),
     )
 
 
@@ -282,7 +224,6 @@ _STRING = re.compile(r"(W?STRING)\((\d+)\)")
 _ARRAY = re.compile(r"ARRAY\[([-\d., ]+)\] OF (.+)")
 
 
-@functools.cache
 def _type(spelled: str) -> str:
     """Return a type such as `ARRAY[0..2] OF LREAL` as PLCopen XML, or `""` if there is no type."""
     if array := _ARRAY.fullmatch(spelled):
@@ -306,7 +247,6 @@ def _value(spelled: str | tuple[str, ...]) -> str:
     return f"<arrayValue>{''.join(f'<value>{_value(element)}</value>' for element in spelled)}</arrayValue>"
 
 
-@functools.lru_cache(4096)  # the same names and comments occur in many blocks
 def _text(text: str) -> str:
     """Escape text for an XML element or attribute.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from shmgen.core.model import Layouts, Output, TypeName
@@ -21,8 +21,10 @@ class Calls(NamedTuple):
 
 
 _BOTH = ("Publisher", "Subscriber")
-_SERVICE = {"_Reply": _BOTH, "_Request": ("", *_BOTH), "_Response": ("",)}
-_ACTION = {"_Command": _BOTH, "_Feedback": ("",), "_Goal": ("",), "_Outcome": ("", *_BOTH), "_Progress": _BOTH}
+_IMPORTED = {
+    "srv": {"_Reply": _BOTH, "_Request": ("", *_BOTH), "_Response": ("",)},
+    "action": {"_Command": _BOTH, "_Feedback": ("",), "_Goal": ("",), "_Outcome": ("", *_BOTH), "_Progress": _BOTH},
+}
 """The imported classes of a service and an action: the suffixes of the class names, by the ending of the message."""
 
 
@@ -31,33 +33,30 @@ def plan(layouts: Layouts, root: str) -> Iterator[Output]:
 
     The names of these files and classes cannot collide with the files and classes of messages.
     """
-    for service in interfaces.services(layouts):
-        origin = in_docstring(layouts[service.part("_Reply")].message.origin)
-        view = Calls(str(service), origin, tuple(_imports(service, _SERVICE)), service.name)
-        yield Output(_path(service, root), "python/service.py.j2", view)
-    for action in interfaces.actions(layouts):
-        origin = in_docstring(layouts[action.part("_Outcome")].message.origin)
-        view = Calls(str(action), origin, tuple(_imports(action, _ACTION)), action.name)
-        yield Output(_path(action, root), "python/action.py.j2", view)
+    for name in interfaces.complete(layouts):
+        origin = layouts[name.part("_Reply" if name.kind == "srv" else "_Outcome")].message.origin
+        path = f"{root}/{python_member(name.package)}/{name.kind}/{_module(name)}.py"
+        view = Calls(str(name), in_docstring(origin), tuple(_imports(name)), name.name)
+        yield Output(path, f"python/{_word(name)}.py.j2", view)
 
 
 def classes(layouts: Layouts) -> dict[str, list[str]]:
     """Map each module of a service or an action to the names of its client and server class, for `__init__.py`."""
-    services = {_module(it): [f"{it.name}Client", f"{it.name}Server"] for it in interfaces.services(layouts)}
-    actions = {_module(it): [f"{it.name}ActionClient", f"{it.name}ActionServer"] for it in interfaces.actions(layouts)}
-    return services | actions
-
-
-def _path(name: TypeName, root: str) -> str:
-    return f"{root}/{python_member(name.package)}/{name.kind}/{_module(name)[1:]}.py"
+    prefixes = {"srv": "", "action": "Action"}
+    names = ((f".{_module(name)}", name.name + prefixes[name.kind]) for name in interfaces.complete(layouts))
+    return {module: [f"{name}Client", f"{name}Server"] for module, name in names}
 
 
 def _module(name: TypeName) -> str:
-    return f".{module(name)}_{'service' if name.kind == 'srv' else 'action'}"
+    return f"{module(name)}_{_word(name)}"
 
 
-def _imports(name: TypeName, parts: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+def _word(name: TypeName) -> str:
+    return "service" if name.kind == "srv" else "action"
+
+
+def _imports(name: TypeName) -> Iterator[str]:
     yield from ("from shmgen import runtime", "")
-    for part, endings in parts.items():
+    for part, endings in _IMPORTED[name.kind].items():
         message = name.part(part)
         yield from import_lines(f".{module(message)}", [message.name + ending for ending in endings])

@@ -57,7 +57,6 @@ class Root(NamedTuple):
     the advice in the error message for a missing Python package.
     """
 
-    title: str
     beside: str
     needs: str
 
@@ -124,8 +123,7 @@ def _runtime(root: str) -> Iterator[Output]:
 
 
 def _root(brings: bool) -> Root:
-    title = "Messages in shared memory"
-    return Root(title, _BESIDE, "install it") if brings else Root(title, "", "install shmgen, or shmgen-runtime alone,")
+    return Root(_BESIDE, "install it") if brings else Root("", "install shmgen, or shmgen-runtime alone,")
 
 
 def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:

@@ -34,13 +34,8 @@ def documentation(message: Message) -> Iterator[str]:
 
 def in_docstring(text: str) -> str:
     """Escape text that would end the surrounding docstring or begin an escape sequence."""
-    lines = text.split("\n")
-    cleaned = "\n".join(line if line.isprintable() else "".join(map(_printable, line)) for line in lines)
+    cleaned = "".join(char if char.isprintable() or char == "\n" else " " for char in text)
     return cleaned.replace("\\", "\\\\").replace('"', '\\"' if '"""' in cleaned or cleaned.endswith('"') else '"')
-
-
-def _printable(char: str) -> str:
-    return char if char.isprintable() else " "
 
 
 def literal(value: Default) -> str:

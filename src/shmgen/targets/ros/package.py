@@ -10,7 +10,7 @@ from typing import NamedTuple
 from shmgen.core import toml
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Layouts, Message, Output
-from shmgen.targets import Job
+from shmgen.targets import Job, Text
 
 _PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
 
@@ -22,12 +22,6 @@ class Package(NamedTuple):
     version: str
     node: str
     dependencies: tuple[str, ...]
-
-
-class Text(NamedTuple):
-    """The template data for a file whose `text` the template inserts unchanged."""
-
-    text: str
 
 
 def described(target: str, job: Job, report: Report) -> Package | None:
@@ -79,7 +73,7 @@ class Starting(NamedTuple):
         configuration = toml.dumps({"path": ["msgs"], **options} if definitions else options)
         yield Output(f"{root}/config/shmgen.toml", "ros/shmgen.toml.j2", Text(configuration.rstrip("\n")))
         for path, text in definitions.items():
-            yield Output(f"{root}/config/msgs/{path}", "ros/text.j2", Text(text.rstrip("\n")))
+            yield Output(f"{root}/config/msgs/{path}", "text.j2", Text(text.rstrip("\n")))
 
 
 ROS1 = Starting(

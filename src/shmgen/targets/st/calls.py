@@ -30,8 +30,6 @@ class Calls(NamedTuple):
     `response`, `goal`, `feedback` and `result` are structure names, `""` if the service or action has no such message.
     If `fits` is true, the block checks counts in the requests or replies that it receives. If `fits_progress` is true,
     the client of an action also checks counts in the progress messages.
-
-    `type_name`, `digest` and `size` are the names of constants. The list `gvl` of each region contains them.
     """
 
     name: str
@@ -47,31 +45,26 @@ class Calls(NamedTuple):
     feedback: str = ""
     result: str = ""
     fits_progress: bool = False
-    type_name: str = names.GVL_TYPE_NAME
-    digest: str = names.GVL_DIGEST
-    size: str = names.GVL_SIZE
 
 
 def plan(layouts: Layouts) -> Iterator[Output]:
     """Yield the files with the blocks of all services and actions. If there are none, yield nothing."""
-    services, actions = list(interfaces.services(layouts)), list(interfaces.actions(layouts))
-    if services or actions:
+    all_names = list(interfaces.complete(layouts))
+    if all_names:
         yield from common.by_hand("FB_ShmClient", "FB_ShmServer")
-    for name in services:
-        yield from _service(name, layouts)
-    for name in actions:
-        yield from _action(name, layouts)
+    for name in all_names:
+        yield from (_service if name.kind == "srv" else _action)(name, layouts)
 
 
 def parts(layouts: Layouts) -> frozenset[TypeName]:
     """Return the names of all messages that the regions of services and actions contain."""
-    services = [name.part(ending) for name in interfaces.services(layouts) for ending in _OF_SERVICE]
-    actions = [name.part(ending) for name in interfaces.actions(layouts) for ending in _OF_ACTION]
-    return frozenset(services + actions)
+    return frozenset(name.part(part) for name in interfaces.complete(layouts) for part in _PARTS[name.kind])
 
 
-_OF_SERVICE = ("_Request", "_Response", "_Reply")
-_OF_ACTION = ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome")
+_PARTS = {
+    "srv": ("_Request", "_Response", "_Reply"),
+    "action": ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome"),
+}
 
 
 def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
@@ -79,8 +72,8 @@ def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     reply = _carried(name.part("_Reply"), layouts, "_Reply", "-response")
     response = names.st_type(name.part("_Response"), layouts[name.part("_Response")].options)
     for block, template, end, read in (
-        (names.client_block(name), "client", "_fbClient", "_Reply"),
-        (names.server_block(name), "server", "_fbServer", "_Request"),
+        (names.block_name(name, "Client"), "client", "_fbClient", "_Reply"),
+        (names.block_name(name, "Server"), "server", "_fbServer", "_Request"),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
         view = Calls(block, name.short, end, request, reply, bool(own), own, response)
@@ -96,8 +89,8 @@ def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
         names.st_type(name.part(part), layouts[name.part(part)].options) for part in ("_Goal", "_Feedback", "_Result")
     )
     for block, template, end, read, received in (
-        (names.action_client_block(name), "action_client", "_fbClient", "_Outcome", ("_Progress",)),
-        (names.action_server_block(name), "action_server", "_fbServer", "_Command", ()),
+        (names.block_name(name, "ActionClient"), "action_client", "_fbClient", "_Outcome", ("_Progress",)),
+        (names.block_name(name, "ActionServer"), "action_server", "_fbServer", "_Command", ()),
     ):
         own = checks(layouts[name.part(read)], layouts, "Fits", read)
         also = tuple(it for part in received for it in checks(layouts[name.part(part)], layouts, "FeedbackFits", part))

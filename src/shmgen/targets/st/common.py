@@ -23,7 +23,7 @@ from shmgen.targets.st.objects import (
     Variable,
     Variables,
 )
-from shmgen.targets.st.text import MADE, uncommented
+from shmgen.targets.st.text import MADE
 
 TYPES = {"dw": "DWORD", "ui": "UINT", "udi": "UDINT", "lw": "LWORD", "aby": "ARRAY[0..{last}] OF BYTE"}
 """The IEC type for each name prefix."""
@@ -60,11 +60,11 @@ def words(name: str, doc: tuple[str, ...], fields: Sequence[HeaderField], size: 
     `doc` contains the comment lines at the start of the file.
     """
     members = [
-        Variable(word.st, _type(word), "", f"{word.offset:>3}: {word.meaning}")
+        Variable(word.st, _type(word), comment=(f"// {word.offset:>3}: {word.meaning}",))
         for word in abi.with_reserved(fields, size)
     ]
-    stored = DataType(name, Head(uncommented(doc), (Attribute("pack_mode", "8"),)), _plain(members))
-    return Output(f"st/shmgen/{name}.st", "st/dut.st.j2", Dut(stored, doc, columns(members)))
+    stored = DataType(name, Head(doc, (Attribute("pack_mode", "8"),)), tuple(members))
+    return Output(f"st/shmgen/{name}.st", "st/dut.st.j2", Dut(stored, columns(members)))
 
 
 def numbers(constants: Sequence[Number], locks: bool) -> Output:
@@ -72,30 +72,22 @@ def numbers(constants: Sequence[Number], locks: bool) -> Output:
 
     The additional constant LOCKS has the value of `locks`.
     """
-    variables = [Variable(number.name, number.st, _value(number), number.meaning) for number in constants if number.st]
-    variables.append(
-        Variable(
-            "LOCKS",
-            "BOOL",
-            str(locks).upper(),
-            'TRUE: a semaphore locks each region; FALSE: sync = "sequence" in shmgen.toml',
-        )
-    )
-    head = Head(uncommented(_NUMBERS), (Attribute("qualified_only"),))
-    stored = GlobalList(GVL_REGION, head, Variables("VAR_GLOBAL", True, _plain(variables)))
-    return Output(f"st/shmgen/{GVL_REGION}.st", "st/gvl.st.j2", Gvl(stored, _NUMBERS, columns(variables)))
-
-
-def _plain(variables: Sequence[Variable]) -> tuple[Variable, ...]:
-    return tuple(variable._replace(comment=variable.comment.strip()) for variable in variables)
+    variables = [
+        Variable(number.name, number.st, _value(number), (f"// {number.meaning}",)) for number in constants if number.st
+    ]
+    meaning = '// TRUE: a semaphore locks each region; FALSE: sync = "sequence" in shmgen.toml'
+    variables.append(Variable("LOCKS", "BOOL", str(locks).upper(), (meaning,)))
+    head = Head(_NUMBERS, (Attribute("qualified_only"),))
+    stored = GlobalList(GVL_REGION, head, Variables("VAR_GLOBAL", True, tuple(variables)))
+    return Output(f"st/shmgen/{GVL_REGION}.st", "st/gvl.st.j2", Gvl(stored, columns(variables)))
 
 
 def columns(variables: Sequence[Variable]) -> tuple[Line, ...]:
     """Return declaration lines with name, type and comment in aligned columns."""
     width = max(len(variable.name) for variable in variables)
-    codes = [f"{it.name:<{width}} : {it.type}{f' := {it.value}' if it.value else ''};" for it in variables]
+    codes = [variable.code(width) for variable in variables]
     column = max(map(len, codes))
-    return tuple(Line(f"{code:<{column}}  // {it.comment}") for code, it in zip(codes, variables, strict=True))
+    return tuple(Line(f"{code:<{column}}  {it.comment[0]}") for code, it in zip(codes, variables, strict=True))
 
 
 def _type(word: HeaderField) -> str:

@@ -8,7 +8,6 @@ rather too long than too short: an unnecessary escape compiles, but a missing es
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Iterator
 
@@ -18,7 +17,7 @@ from shmgen.targets.naming import ClaimedName, Names, words
 GVL_SIZE = "SHM_SIZE"
 GVL_DIGEST = "SHM_DIGEST"
 GVL_TYPE_NAME = "SHM_TYPE_NAME"
-"""The constants that shmgen adds to a message's own constants."""
+"""The constants that shmgen adds to a message's own constants. Templates in `templates/st` spell these names too."""
 GVL_REGION = "GVL_Shm"
 """The list of the protocol's constants."""
 GVL_TOPICS = "GVL_Ros"
@@ -31,13 +30,12 @@ ST_TIME = "ST_shmgen_Time"
 _USUAL = TypeOptions()
 
 
-@functools.cache
 def st_member(name: str) -> str:
     """Return the name of a field or a constant in Structured Text: `step` -> `step_`.
 
     CODESYS reserves consecutive underscores, so a sequence of underscores becomes one.
     """
-    single = _single_underscores(name)
+    single = re.sub("__+", "_", name)
     return single + "_" if single.upper() in ST_RESERVED else single
 
 
@@ -88,34 +86,12 @@ def gvl(name: TypeName) -> str:
     return _st("GVL", name)
 
 
-def publisher_block(name: TypeName) -> str:
-    """Return the publisher block's name: `FB_geometry_msgs_Pose_Publisher`."""
-    return _st("FB", name) + "_Publisher"
+def block_name(name: TypeName, role: str) -> str:
+    """Return the name of a function block: `FB_geometry_msgs_Pose_Publisher` for the role `Publisher`.
 
-
-def subscriber_block(name: TypeName) -> str:
-    """Return the subscriber block's name: `FB_geometry_msgs_Pose_Subscriber`."""
-    return _st("FB", name) + "_Subscriber"
-
-
-def client_block(name: TypeName) -> str:
-    """Return the client block's name: `FB_std_srvs_SetBool_Client`."""
-    return _st("FB", name) + "_Client"
-
-
-def server_block(name: TypeName) -> str:
-    """Return the server block's name: `FB_std_srvs_SetBool_Server`."""
-    return _st("FB", name) + "_Server"
-
-
-def action_client_block(name: TypeName) -> str:
-    """Return the action client block's name: `FB_example_interfaces_Fibonacci_ActionClient`."""
-    return _st("FB", name) + "_ActionClient"
-
-
-def action_server_block(name: TypeName) -> str:
-    """Return the action server block's name: `FB_example_interfaces_Fibonacci_ActionServer`."""
-    return _st("FB", name) + "_ActionServer"
+    The other roles are Subscriber, Client, Server, ActionClient and ActionServer.
+    """
+    return f"{_st('FB', name)}_{role}"
 
 
 def st_topic(name: str) -> str:
@@ -152,11 +128,7 @@ def _claims(layout: Layout, package: str) -> Iterator[ClaimedName]:
 
 
 def _st(prefix: str, name: TypeName) -> str:
-    return _single_underscores(f"{prefix}_{name.package}_{name.name}")
-
-
-def _single_underscores(name: str) -> str:
-    return re.sub("__+", "_", name) if "__" in name else name
+    return re.sub("__+", "_", f"{prefix}_{name.package}_{name.name}")
 
 
 _ELEMENTARY_TYPES = words("""

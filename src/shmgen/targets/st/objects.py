@@ -21,7 +21,7 @@ class Attribute(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The head of an object: the lines of its comment without `//`, and its attributes."""
+    """The head of an object: the lines of its comment, which begin with `//`, and its attributes."""
 
     comment: tuple[str, ...]
     attributes: tuple[Attribute, ...] = ()
@@ -30,13 +30,19 @@ class Head(NamedTuple):
 class Variable(NamedTuple):
     """A declaration of a variable, a structure's member or an enumeration's name: `name : type := value;`.
 
-    The name of an enumeration has no type. The value of an array is a tuple with the value of each element.
+    The name of an enumeration has no type. The value of an array is a tuple with the value of each element, which
+    becomes `[1, 2]`. Each line of the comment begins with `//`.
     """
 
     name: str
     type: str
-    value: str | tuple[str, ...]
-    comment: str
+    value: str | tuple[str, ...] = ""
+    comment: tuple[str, ...] = ()
+
+    def code(self, width: int) -> str:
+        """Return the declaration in Structured Text, with the name padded to `width` characters."""
+        value = self.value if isinstance(self.value, str) else f"[{', '.join(self.value)}]"
+        return f"{self.name:<{width}} : {self.type}{value and f' := {value}'};"
 
 
 class Variables(NamedTuple):
@@ -103,20 +109,18 @@ class Line(NamedTuple):
 
 
 class Dut(NamedTuple):
-    """The template data for a structure. `doc` contains comment lines."""
+    """The template data for a data type."""
 
     object: DataType
-    doc: tuple[str, ...]
     members: tuple[Line, ...]
 
 
 class Gvl(NamedTuple):
-    """The template data for a variable list. `doc` contains comment lines.
+    """The template data for a variable list.
 
     A blank line separates shmgen's variables (`generated`) from the user's (`declared`).
     """
 
     object: GlobalList
-    doc: tuple[str, ...]
     generated: tuple[Line, ...]
     declared: tuple[Line, ...] = ()

@@ -5,13 +5,14 @@ The files are `st/GVL_Ros.st` and `st/PRG_Ros.st`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.core.model import Action, Output, Service, Topic
+from shmgen.core.model import Action, Output, Service, Topic, assert_never
+from shmgen.targets import Job
 from shmgen.targets.st import common, names
 from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Variable, Variables
-from shmgen.targets.st.text import MADE, uncommented
+from shmgen.targets.st.text import MADE
 
 
 class Instance(NamedTuple):
@@ -22,20 +23,15 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """The template data for the program that calls all blocks in the variable list `gvl`.
+    """The template data for the program that calls all blocks in `GVL_Ros`, and then the programs in `behind`."""
 
-    After the blocks, the program calls the programs in `behind`.
-    """
-
-    name: str
-    gvl: str
     instances: tuple[Instance, ...]
     behind: tuple[str, ...] = ()
 
 
-def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence[Action]) -> Iterator[Output]:
+def plan(job: Job) -> Iterator[Output]:
     """Yield the files `st/GVL_Ros.st` and `st/PRG_Ros.st`, or nothing if there is no topic, service or action."""
-    all_uses = uses(topics, services, actions)
+    all_uses = uses(job)
     if all_uses:
         doc = (
             f"// A block for each topic, service and action of shmgen.toml. {names.PRG_TOPICS} calls them; "
@@ -43,12 +39,12 @@ def plan(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence
             "// read and write the inputs and outputs of the blocks.",
             MADE,
         )
-        variables = tuple(Variable(names.st_topic(use.name), use.block, "", use.comment) for use in all_uses)
-        head = Head(uncommented(doc), (Attribute("qualified_only"),))
+        variables = tuple(Variable(names.st_topic(use.name), use.block, "", (f"// {use.comment}",)) for use in all_uses)
+        head = Head(doc, (Attribute("qualified_only"),))
         stored = GlobalList(names.GVL_TOPICS, head, Variables("VAR_GLOBAL", False, variables))
-        yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, doc, common.columns(variables)))
+        yield Output(f"st/{names.GVL_TOPICS}.st", "st/gvl.st.j2", Gvl(stored, common.columns(variables)))
         instances = tuple(Instance(names.st_topic(use.name), ("xEnable := TRUE,", *use.inputs)) for use in all_uses)
-        view = Program(names.PRG_TOPICS, names.GVL_TOPICS, instances)
+        view = Program(instances)
         yield Output(f"st/{names.PRG_TOPICS}.st", "st/program.st.j2", view)
 
 
@@ -66,24 +62,22 @@ class Use(NamedTuple):
     inputs: tuple[str, ...]
 
 
-def uses(topics: Sequence[Topic], services: Sequence[Service], actions: Sequence[Action]) -> list[Use]:
+def uses(job: Job) -> list[Use]:
     """Return all topics, services and actions in the order in which the program calls their blocks."""
-    return sorted([*map(_topic, topics), *map(_service, services), *map(_action, actions)], key=lambda use: use.order)
+    return sorted(map(_use, job.uses), key=lambda use: use.order)
 
 
-def _topic(topic: Topic) -> Use:
-    block = names.subscriber_block(topic.type) if topic.to_plc else names.publisher_block(topic.type)
-    inputs = (f"sTopic := '{topic.name}',", f"udiDepth := {topic.depth});")
-    return Use(not topic.to_plc, topic.name, block, f"{topic.name}, {topic.type}", inputs)
-
-
-def _service(service: Service) -> Use:
-    block = names.server_block(service.type) if service.on_plc else names.client_block(service.type)
-    comment = f"{service.name}, {service.type}"
-    return Use(not service.on_plc, service.name, block, comment, (f"sService := '{service.name}');",))
-
-
-def _action(action: Action) -> Use:
-    block = names.action_server_block(action.type) if action.on_plc else names.action_client_block(action.type)
-    comment = f"{action.name}, {action.type}"
-    return Use(not action.on_plc, action.name, block, comment, (f"sAction := '{action.name}');",))
+def _use(use: Topic | Service | Action) -> Use:
+    match use:
+        case Topic():
+            is_input, role = use.to_plc, "Subscriber" if use.to_plc else "Publisher"
+            inputs: tuple[str, ...] = (f"sTopic := '{use.name}',", f"udiDepth := {use.depth});")
+        case Service():
+            is_input, role = use.on_plc, "Server" if use.on_plc else "Client"
+            inputs = (f"sService := '{use.name}');",)
+        case Action():
+            is_input, role = use.on_plc, "ActionServer" if use.on_plc else "ActionClient"
+            inputs = (f"sAction := '{use.name}');",)
+        case _:
+            assert_never(use)
+    return Use(not is_input, use.name, names.block_name(use.type, role), f"{use.name}, {use.type}", inputs)

@@ -7,7 +7,6 @@ from definitions except identifiers. Objects with text from definitions are neve
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Iterable, Iterator
 from itertools import dropwhile
@@ -36,7 +35,7 @@ def read(name: str, text: str) -> DataType | GlobalList | Unit:
 
 
 _ATTRIBUTE = re.compile(r"\{attribute '(\w+)'(?: := '([^']*)')?\}")
-_COMMENT = r"(?: *//(?P<comment>.*))?"
+_COMMENT = r"(?: *(?P<comment>//.*))?"
 _VALUE = r"""(?:'(?:[^'$]|\$.)*'|"(?:[^"$]|\$.)*"|[^;'"\[])+"""
 _VARIABLE = re.compile(rf" *(?P<name>\w+) *: *(?P<type>[^:;]+?)(?: *:= *(?P<value>{_VALUE}))?;{_COMMENT}")
 _ENUM_NAME = re.compile(rf" *(?P<name>\w+) *(?P<type>)(?::= *(?P<value>\w+))?,?{_COMMENT}")
@@ -57,7 +56,7 @@ def _head(lines: list[str]) -> tuple[Head, list[str]]:
     comment, attributes = [], []
     for number, line in enumerate(lines):
         if line.startswith("//"):
-            comment.append(line[2:].strip())
+            comment.append(line)
         elif match := _ATTRIBUTE.fullmatch(line):
             attributes.append(Attribute(match[1], match[2] or ""))
         elif line:
@@ -91,24 +90,20 @@ def _variables(lines: Iterable[str], pattern: re.Pattern[str]) -> Iterator[Varia
     above: list[str] = []
     for line in map(str.strip, lines):
         if line.startswith("//"):
-            above.append(line[2:].strip())
+            above.append(line)
         elif line:
             variable = _variable(line, pattern)
-            if above:
-                beside = [variable.comment] if variable.comment else []
-                variable = variable._replace(comment="\n".join([*above, *beside]))
-            yield variable
+            yield variable._replace(comment=(*above, *variable.comment))
             above = []
 
 
-@functools.lru_cache(4096)  # the same lines occur in many blocks
 def _variable(line: str, pattern: re.Pattern[str]) -> Variable:
     """Return the variable in a line, with the comment beside it."""
     match = pattern.fullmatch(line)
     _expect(match, "a declaration", [line])
     assert match
     name, type_, value, comment = match.group("name", "type", "value", "comment")
-    return Variable(name, type_, value or "", (comment or "").strip())
+    return Variable(name, type_, value or "", (comment,) if comment else ())
 
 
 def _units(lines: list[str]) -> Iterator[Unit]:

@@ -27,7 +27,7 @@ from shmgen.targets import Job
 from shmgen.targets.st import calls, common, counts, names, program
 from shmgen.targets.st.names import NAMES as NAMES
 from shmgen.targets.st.objects import Attribute, DataType, Dut, GlobalList, Gvl, Head, Line, Variable, Variables
-from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal, uncommented
+from shmgen.targets.st.text import MADE, WIDTH, ascii_text, comment_lines, literal
 
 _WIDEST_COLUMN = 56
 """The last column, in characters, where aligned comments begin. A longer declaration shifts only its own comment."""
@@ -37,7 +37,6 @@ class Block(NamedTuple):
     """The template data for a publisher or subscriber block. If `fits` is true, the block checks counts.
 
     `is_writer` is TRUE for a publisher, FALSE for a subscriber. `end` is the block's variable of type FB_ShmRegion.
-    `type_name`, `digest` and `size` are the names of constants in the list `gvl`.
     """
 
     name: str
@@ -48,9 +47,6 @@ class Block(NamedTuple):
     checks: tuple[counts.Check, ...]
     is_writer: str
     end: str = "_fbRegion"
-    type_name: str = names.GVL_TYPE_NAME
-    digest: str = names.GVL_DIGEST
-    size: str = names.GVL_SIZE
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
@@ -64,7 +60,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         if layout.requested and layout.name not in only_called:
             yield from _pair(layout, layouts)
     yield from calls.plan(layouts)
-    yield from program.plan(job.topics, job.services, job.actions)
+    yield from program.plan(job)
 
 
 def _message(layout: Layout) -> Iterator[Output]:
@@ -79,10 +75,9 @@ def _dut(layout: Layout) -> Dut:
     doc = tuple(_doc(layout))
     if layout.options.own and " : " in layout.message.plc and (imported := _imported(layout, doc)):
         return imported
-    members = [_member(slot, layout) for slot in layout.slots]
-    head = Head(uncommented(doc), (Attribute("pack_mode", "1"),))
-    stored = DataType(names.st_type(layout.name, layout.options), head, tuple(member.variable for member in members))
-    return Dut(stored, doc, _aligned(members))
+    members = tuple(_member(slot, layout) for slot in layout.slots)
+    head = Head(doc, (Attribute("pack_mode", "1"),))
+    return Dut(DataType(names.st_type(layout.name, layout.options), head, members), _aligned(members))
 
 
 def _imported(layout: Layout, doc: tuple[str, ...]) -> Dut | None:
@@ -94,22 +89,19 @@ def _imported(layout: Layout, doc: tuple[str, ...]) -> Dut | None:
     name, _, kind = layout.message.plc.partition(" : ")
     if others or name != names.st_type(layout.name, options) or slot.field is None:
         return None
-    head = Head(uncommented(doc))
+    head = Head(doc)
     if kind == "alias":
         _, own = names.own_member(slot.field.plc, options)
-        return Dut(DataType(name, head, (), alias=own or names.iec_type(slot, options)), doc, ())
+        return Dut(DataType(name, head, (), alias=own or names.iec_type(slot, options)), ())
     if kind not in _COUNTING or not layout.message.constants:
         return None
-    members = [
+    members = tuple(
         _declaration(names.own_member(it.plc, options)[0] or names.st_member(it.name), "", str(it.value), it.doc)
         for it in layout.message.constants
-    ]
-    stored = DataType(name, head, tuple(it.variable for it in members), kind)
-    commas = [*("," for _ in members[1:]), ""]
-    lines = tuple(
-        Line(f"{it.name} := {it.value}{comma}", tuple(it.comment)) for it, comma in zip(members, commas, strict=True)
     )
-    return Dut(stored, doc, lines)
+    commas = [*("," for _ in members[1:]), ""]
+    lines = (Line(f"{it.name} := {it.value}{comma}", it.comment) for it, comma in zip(members, commas, strict=True))
+    return Dut(DataType(name, head, members, kind), tuple(lines))
 
 
 _COUNTING = frozenset({"BYTE", "WORD", "DWORD", "LWORD", *(it.iec for it in Scalar if it.range)})
@@ -120,18 +112,17 @@ def _gvl(layout: Layout) -> Gvl:
     name = names.gvl(layout.name)
     generated, (constants, remarks) = _generated(layout), _constants(layout)
     doc = (f"// {name}: constants of {layout.name}", MADE)
-    variables = Variables("VAR_GLOBAL", True, tuple(one.variable for one in (*generated, *constants)))
-    lines = (*_aligned(constants), *remarks)
-    stored = GlobalList(name, Head(uncommented(doc), (Attribute("qualified_only"),)), variables)
-    return Gvl(stored, doc, _aligned(generated), lines)
+    variables = Variables("VAR_GLOBAL", True, (*generated, *constants))
+    stored = GlobalList(name, Head(doc, (Attribute("qualified_only"),)), variables)
+    return Gvl(stored, _aligned(generated), (*_aligned(constants), *remarks))
 
 
 def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
     name = layout.name
     checks = counts.checks(layout, layouts, "Fits", "_pMsg^")
     for block, template, is_writer in (
-        (names.publisher_block(name), "publisher", "TRUE"),
-        (names.subscriber_block(name), "subscriber", "FALSE"),
+        (names.block_name(name, "Publisher"), "publisher", "TRUE"),
+        (names.block_name(name, "Subscriber"), "subscriber", "FALSE"),
     ):
         dut, gvl = names.st_type(name, layout.options), names.gvl(name)
         view = Block(block, str(name), dut, gvl, bool(checks), checks, is_writer)
@@ -147,31 +138,11 @@ def _doc(layout: Layout) -> Iterator[str]:
         yield from comment_lines(layout.message.doc)
 
 
-class _Declaration(NamedTuple):
-    """A declaration `name : type := value;` with its comment lines, before its columns are aligned.
-
-    The value of an array is a tuple with the value of each element, which becomes `[1, 2]`.
-    """
-
-    name: str
-    type: str
-    value: str | tuple[str, ...] | None
-    comment: list[str]
-
-    def code(self, name_width: int) -> str:
-        value = f"[{', '.join(self.value)}]" if isinstance(self.value, tuple) else self.value
-        return f"{self.name:<{name_width}} : {self.type}{'' if value is None else f' := {value}'};"
-
-    @property
-    def variable(self) -> Variable:
-        return Variable(self.name, self.type, self.value or "", "\n".join(uncommented(self.comment)))
+def _declaration(name: str, type_: str, value: str | tuple[str, ...] = "", comment: str = "") -> Variable:
+    return Variable(name, type_, value, tuple(comment_lines(comment)))
 
 
-def _declaration(name: str, type_: str, value: str | tuple[str, ...] | None = None, comment: str = "") -> _Declaration:
-    return _Declaration(name, type_, value, comment_lines(comment))
-
-
-def _aligned(declarations: Sequence[_Declaration]) -> tuple[Line, ...]:
+def _aligned(declarations: Sequence[Variable]) -> tuple[Line, ...]:
     """Return the lines of the declarations, with aligned colons and aligned short comments.
 
     A long comment stands above its declaration.
@@ -181,19 +152,18 @@ def _aligned(declarations: Sequence[_Declaration]) -> tuple[Line, ...]:
     fitting = [code for code, lines in rows if _fits(code, lines)]
     column = max((len(code) for code in fitting if len(code) <= _WIDEST_COLUMN), default=0)
     return tuple(
-        Line(f"{code:<{column}}  {lines[0]}") if _fits(code, lines) else Line(code, tuple(lines))
-        for code, lines in rows
+        Line(f"{code:<{column}}  {lines[0]}") if _fits(code, lines) else Line(code, lines) for code, lines in rows
     )
 
 
-def _fits(code: str, lines: list[str]) -> bool:
+def _fits(code: str, lines: tuple[str, ...]) -> bool:
     return len(lines) == 1 and max(len(code), _WIDEST_COLUMN) + len(lines[0]) <= WIDTH
 
 
 # --- DUT ----------------------------------------------------------------------------------------------
 
 
-def _member(slot: Slot, layout: Layout) -> _Declaration:
+def _member(slot: Slot, layout: Layout) -> Variable:
     own, own_type = names.own_member(slot.field.plc if slot.field and slot.role is Role.DATA else "", layout.options)
     name, type_ = own or names.st_member(slot.name), own_type or names.iec_type(slot, layout.options)
     match slot.role:
@@ -204,25 +174,25 @@ def _member(slot: Slot, layout: Layout) -> _Declaration:
         case Role.COUNT:
             assert slot.field is not None
             default = slot.field.default
-            count = str(len(default)) if isinstance(default, tuple) and default else None
+            count = str(len(default)) if isinstance(default, tuple) and default else ""
             return _declaration(name, type_, count, f"number of valid elements in {names.st_member(slot.field.name)}")
         case Role.DATA:
             value = _initial(slot, layout)
-            return _declaration(name, type_, value, _comment(slot, layout, value is None))
+            return _declaration(name, type_, value, _comment(slot, layout, not value))
         case _:
             assert_never(slot.role)
 
 
-def _initial(slot: Slot, layout: Layout) -> str | tuple[str, ...] | None:
-    """Return a field's default as literals, or None if there is no default or a value has no literal."""
+def _initial(slot: Slot, layout: Layout) -> str | tuple[str, ...]:
+    """Return a field's default as literals, or `""` if there is no default or a value has no literal."""
     assert slot.field is not None
     default = slot.field.default
     if default is None or default == () or not isinstance(slot.type, Scalar | String):
-        return None
+        return ""
     if not isinstance(default, tuple):
-        return literal(default, slot.type, layout.options)
+        return literal(default, slot.type, layout.options) or ""
     values = [literal(value, slot.type, layout.options) for value in default]
-    return None if None in values else tuple(filter(None, values))
+    return "" if None in values else tuple(filter(None, values))
 
 
 def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
@@ -247,7 +217,7 @@ def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
 # --- Constants ----------------------------------------------------------------------------------------
 
 
-def _generated(layout: Layout) -> tuple[_Declaration, ...]:
+def _generated(layout: Layout) -> tuple[Variable, ...]:
     name = str(layout.name)
     return (
         _declaration(names.GVL_TYPE_NAME, f"STRING({len(name)})", f"'{name}'"),
@@ -256,7 +226,7 @@ def _generated(layout: Layout) -> tuple[_Declaration, ...]:
     )
 
 
-def _constants(layout: Layout) -> tuple[list[_Declaration], list[Line]]:
+def _constants(layout: Layout) -> tuple[list[Variable], list[Line]]:
     """Return the declarations of a message's constants, and a comment for each constant without a declaration.
 
     A constant such as an infinity gets no declaration, because Structured Text has no literal for its value.

@@ -6,7 +6,7 @@ import math
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 from shmgen.core.model import Scalar, String, TypeOptions, Value, assert_never
 
@@ -21,9 +21,9 @@ def comment_lines(text: str) -> list[str]:
     return [f"// {part}".rstrip() for line in text.splitlines() for part in _fold(ascii_text(line))]
 
 
-def uncommented(lines: Iterable[str]) -> tuple[str, ...]:
+def uncommented(lines: Iterable[str]) -> str:
     """Return the text of comment lines, without `//`."""
-    return tuple(line[2:].strip() for line in lines)
+    return "\n".join(line[2:].strip() for line in lines)
 
 
 def ascii_text(text: str) -> str:
@@ -51,9 +51,11 @@ def literal(value: Value, type_: Scalar | String, options: TypeOptions) -> str |
         case Scalar():
             return str(int(value))
         case String(wide=True):
-            return '"' + "".join(_wide_units(str(value))) + '"'
+            data = str(value).encode("utf-16-be")
+            units = (256 * high + low for high, low in zip(data[::2], data[1::2], strict=True))
+            return '"' + "".join(_escaped(unit, '"', 4) for unit in units) + '"'
         case String():
-            return "'" + "".join(_narrow_bytes(str(value).encode(options.encoding))) + "'"
+            return "'" + "".join(_escaped(byte, "'", 2) for byte in str(value).encode(options.encoding)) + "'"
         case _:
             assert_never(type_)
 
@@ -115,18 +117,8 @@ def _real(value: float) -> str | None:
     return (mantissa if "." in mantissa else f"{mantissa}.0") + "E" + exponent
 
 
-def _narrow_bytes(data: bytes) -> Iterator[str]:
-    for byte in data:
-        if chr(byte) in "$'":
-            yield "$" + chr(byte)
-        else:
-            yield chr(byte) if 0x20 <= byte < 0x7F else f"${byte:02X}"
-
-
-def _wide_units(text: str) -> Iterator[str]:
-    data = text.encode("utf-16-be")
-    for unit in (int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data), 2)):
-        if chr(unit) in '$"':
-            yield "$" + chr(unit)
-        else:
-            yield chr(unit) if 0x20 <= unit < 0x7F else f"${unit:04X}"
+def _escaped(unit: int, quote: str, digits: int) -> str:
+    """Return a character of a string literal. An escape sequence has `digits` hexadecimal digits."""
+    if chr(unit) in ("$", quote):
+        return "$" + chr(unit)
+    return chr(unit) if 0x20 <= unit < 0x7F else f"${unit:0{digits}X}"
