@@ -16,7 +16,7 @@ from functools import partial
 from itertools import count
 
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Backend, Node, RosPublisher
+from shmgen.bridge.backend import Backend, Node, RosPublisher, largest
 from shmgen.bridge.common import choice, watchdog
 from shmgen.bridge.common.arguments import Arguments, SimulatedClock, parse, with_parameters
 from shmgen.bridge.diagnostics import Reporter
@@ -164,8 +164,11 @@ def _counts_text(config: Config) -> str:
 
 
 def _largest(session: Session) -> int:
+    """Return the largest size limit in bytes of all serialized messages. Raises Rejected if a type has errors."""
     config = session.config
-    return max(plan.largest(session), (len(config.topics) + len(config.services) + len(config.actions)) * _STATUS_SIZE)
+    sample_size = max((layout.size for layout in session.layouts(config.types_used).values()), default=0)
+    entry_count = len(config.topics) + len(config.services) + len(config.actions)
+    return max(largest(sample_size), entry_count * _STATUS_SIZE)
 
 
 def _reports(session: Session, backend: Backend, sides: Sides, name: str, log: Log) -> Callable[[], None]:
