@@ -32,6 +32,7 @@ class Topic:
     def __init__(self, topic: str, take_order: list[Topic]) -> None:
         self.log: list[str] = []
         self.counters = Counters(topic, self.log.append)
+        self.end = self
         self.reader = PoseSubscriber(topic, depth=9)
         self.writer = PosePublisher(topic, depth=9)
         self.received: list[float] = []
@@ -43,7 +44,7 @@ class Topic:
         self._take_order = take_order
 
     @property
-    def subscriber(self) -> Subscriber[Any]:
+    def current(self) -> Subscriber[Any]:
         self.lookups += 1
         if self.open_errors:
             raise self.open_errors.pop()

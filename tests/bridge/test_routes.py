@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from copy import deepcopy
@@ -51,12 +50,11 @@ class Line:
             f'direction = "{direction}"\n{keys}\n'
         )
         self.log: list[str] = []
-        self.stopping = threading.Event()
         self.config = load(folder / "shmgen.toml", "shmgen.toml", Report())
         (self.route,) = plan.routes(Session(self.config))
         self.counters = Counters(topic, self.log.append)
         self.sent: list[Any] = []
-        self.side = (ToPlc if self.route.to_plc else FromPlc)(self.route, self.counters, self.stopping)
+        self.side = (ToPlc if self.route.to_plc else FromPlc)(self.route, self.counters)
         assert self.side.end.attempted.wait(10)
 
     def start(self, send: Callable[[Any], None] | None = None) -> None:
@@ -79,7 +77,7 @@ class Line:
         return Reporter("bridge").status(self.side)
 
     def close(self) -> None:
-        self.stopping.set()
+        self.side.stopping.set()
         self.side.stop()
         self.side.end.close()
 

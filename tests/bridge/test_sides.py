@@ -14,7 +14,7 @@ import pytest
 
 from shmgen.bridge.backend import Backend, RosClient, RosPublisher, RosSubscription
 from shmgen.bridge.common.counters import Counters
-from shmgen.bridge.sides import Sides, _Carried
+from shmgen.bridge.sides import Sides
 from shmgen.bridge.topics import FromPlc
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
@@ -28,10 +28,9 @@ from .test_routes import wait_until
 
 
 def new_side(name: str, beat: Any, log: list[str]) -> Any:
-    stopping = threading.Event()
-    counters = Counters(name, log.append)
-    stand_in = SimpleNamespace(beat=beat, counters=counters, stop=lambda: True, end=SimpleNamespace(close=lambda: None))
-    return _Carried(None, stand_in, stopping)  # type: ignore[arg-type]
+    return SimpleNamespace(
+        beat=beat, counters=Counters(name, log.append), stopping=threading.Event(), stop=lambda: True
+    )
 
 
 def test_error_of_a_topic_stops_no_other_heartbeat() -> None:
@@ -223,8 +222,9 @@ def test_stop_ends_a_reload(stage: Stage) -> None:
     stage.ros._check = lambda topic: time.sleep(1000)  # type: ignore[method-assign]
     stop = threading.Event()
     threading.Timer(0.3, stop.set).start()
+    stage.sides.is_over = stop.is_set
     started_at = time.monotonic()
-    stage.sides.change(stage.session(a="", b=""), stage.ros, stop.is_set)  # type: ignore[arg-type]
+    stage.sides.change(stage.session(a="", b=""), stage.ros)  # type: ignore[arg-type]
     assert time.monotonic() - started_at < 3
 
 

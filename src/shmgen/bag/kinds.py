@@ -10,21 +10,7 @@ from functools import cached_property
 from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.direct import Transcoder
 from shmgen.bridge.plan import closure
-from shmgen.core.model import (
-    Array,
-    Clock,
-    Constant,
-    Field,
-    FieldType,
-    Layout,
-    Layouts,
-    Ref,
-    Schema,
-    Sequence,
-    TypeName,
-    element_of,
-    ros_type,
-)
+from shmgen.core.model import Clock, Constant, Field, Layout, Layouts, Schema, element_of, ros_type
 from shmgen.core.model import Message as Definition
 from shmgen.core.type_hash import TIMES, type_hash
 from shmgen.drift import lockfile
@@ -126,26 +112,13 @@ def _constant(constant: Constant) -> str:
 
 
 def _field(field: Field) -> str:
-    return f"{_spelled(field.sent or field.type, field.word)} {field.name}"
-
-
-def _spelled(type_: FieldType, word: str) -> str:
-    """Return a field's type in the syntax of a ROS 2 .msg file.
-
-    `word` is the type's name in the user's definition: the names `byte` and `char` stay unchanged. This function exists
-    because ros_type() returns other names for times.
-    """
-    match type_:
-        case Array(element, length):
-            return f"{_spelled(element, word)}[{length}]"
-        case Sequence(element, capacity):
-            return f"{_spelled(element, word)}[{'' if capacity is None else f'<={capacity}'}]"
-        case Clock():
-            return TIMES[type_].short
-        case Ref(TypeName() as name):
-            return name.short
-        case _:
-            return word if word in ("byte", "char") else ros_type(type_)
+    """Return a field in the syntax of a ROS 2 .msg file, which has other names than ros_type() for some elements."""
+    type_ = field.sent or field.type
+    element = element_of(type_)
+    name = field.word if field.word in ("byte", "char") else ros_type(element)
+    if isinstance(element, Clock):
+        name = TIMES[element].short
+    return f"{ros_type(type_).replace(ros_type(element), name, 1)} {field.name}"
 
 
 def _times(definitions: Iterable[Definition]) -> dict[str, str]:

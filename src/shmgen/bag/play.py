@@ -116,14 +116,11 @@ class Player:
         try:
             outlet.writer.publish(outlet.kind.codec.decode(message.data))
         except (ValueError, struct.error) as error:  # ValueRejected is a ValueError; other errors of the runtime pass
-            self._refuse(outlet, str(error))
+            if not outlet.refused:
+                self._tell(f"{outlet.topic}: a message that fits no sample: {error}")
+            outlet.refused += 1
         else:
             outlet.played += 1
-
-    def _refuse(self, outlet: _Outlet, why: str) -> None:
-        if not outlet.refused:
-            self._tell(f"{outlet.topic}: a message that fits no sample: {why}")
-        outlet.refused += 1
 
     def _wait(self, due: float) -> None:
         while (left := due - time.monotonic()) > 0:

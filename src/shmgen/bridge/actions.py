@@ -12,7 +12,7 @@ from typing import Any
 
 from shmgen.bridge.backend import ABORTED, CANCELED, SUCCEEDED, Backend, Goal, NoAnswer
 from shmgen.bridge.common.counters import Counters, describe
-from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side, WorkerThread
+from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, WorkerSide
 from shmgen.bridge.plan import CallRoute
 from shmgen.bridge.services import count_unanswered
 from shmgen.live.classes import action_client, action_server
@@ -28,12 +28,11 @@ _CANCEL_TIMEOUT = 0.2
 """The time limit in seconds for a cancel request when the bridge stops. The report of an abort to ROS gets half."""
 
 
-class PlcActionServer(Side):
+class PlcActionServer(WorkerSide):
     """Carries an action that the PLC serves: the PLC executes goals of ROS clients. A new goal aborts the old goal."""
 
-    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
-        super().__init__(route.about, counters, stopping)
-        self._route = route
+    def __init__(self, route: CallRoute, counters: Counters) -> None:
+        super().__init__(route, counters)
         self.end = RegionEndpoint(self._open_client, counters)
         self._lock = threading.Lock()
         """Held while a goal starts, is canceled, or is checked for feedback and a result."""
@@ -42,11 +41,10 @@ class PlcActionServer(Side):
         """The client that sent the goal, and its `reopen_count` then. If the count changes, no result can arrive."""
         self._outcome: Any = None
         self._due = 0.0
-        self._loop = WorkerThread(self._step, self.end, stopping)
 
     def start(self, backend: Backend) -> None:
-        backend.actions.serve(backend, self._route.wire, self, self.counters)
-        self._loop.start()
+        backend.actions.serve(backend, self.route.wire, self, self.counters)
+        self._thread.start()
 
     def begin(self, goal: Goal) -> bool:
         """Send the goal to the PLC. Return True if the PLC accepts the goal within the action's timeout."""
@@ -54,10 +52,10 @@ class PlcActionServer(Side):
             self.counters.mark_received()
             try:
                 client = self.end.require()
-                client.send_goal(goal.request, self._route.entry.timeout)
+                client.send_goal(goal.request, self.route.entry.timeout)
                 self._give_up("a newer goal has arrived")
                 self._goal_region = client, client.reopen_count
-                accepted = not self._stopping.is_set() and self._is_accepted(client)
+                accepted = not self.stopping.is_set() and self._is_accepted(client)
             except Exception as error:  # NoServer, ValueRejected, or any exception of a ROS library
                 count_unanswered(self.counters, error)
                 self.end.discard_after(error)
@@ -91,7 +89,7 @@ class PlcActionServer(Side):
         return True
 
     def _open_client(self) -> ActionClient[Any, Any, Any]:
-        client = action_client(self._route.kinds)(self._route.entry.name)
+        client = action_client(self.route.kinds)(self.route.entry.name)
         client.cancel_former()
         return client
 
@@ -107,12 +105,12 @@ class PlcActionServer(Side):
 
     def _is_accepted(self, client: ActionClient[Any, Any, Any]) -> bool:
         """Return True if the PLC accepts the sent goal. Raises NoAnswer, and cancels the goal, after the timeout."""
-        timeout = self._route.entry.timeout
+        timeout = self.route.entry.timeout
         deadline = time.monotonic() + timeout
         self._outcome = None
         while self._outcome is None and not client.status:
             self._outcome = client.poll()
-            if self._outcome is None and (time.monotonic() >= deadline or self._stopping.is_set()):
+            if self._outcome is None and (time.monotonic() >= deadline or self.stopping.is_set()):
                 client.cancel()
                 raise NoAnswer(f"the PLC did not accept the goal within {timeout:g} s; the goal is canceled")
             time.sleep(_GOAL_POLL_INTERVAL / 5)
@@ -151,26 +149,20 @@ class PlcActionServer(Side):
             goal.end(ABORTED, lambda empty: None)
 
     def _fill(self, part: str, message: Message, empty: Any) -> None:
-        self._route.kinds[part]._decode(bytes(message), empty)
+        self.route.kinds[part]._decode(bytes(message), empty)
 
 
-class PlcActionClient(Side):
+class PlcActionClient(WorkerSide):
     """Carries an action that ROS serves: ROS executes the goals of the PLC. Each action has its own thread."""
 
-    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
-        super().__init__(route.about, counters, stopping)
-        self._route = route
+    def __init__(self, route: CallRoute, counters: Counters) -> None:
+        super().__init__(route, counters)
         kind = action_server(route.kinds)
         self.end: RegionEndpoint[ActionServer[Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
-        self._loop = WorkerThread(self._step, self.end, stopping)
 
     def start(self, backend: Backend) -> None:
-        self._ros_client = backend.actions.action_client(backend, self._route.wire, self.counters)
-        self._loop.start()
-
-    def stop(self) -> bool:
-        """Wait 0.2 s for the thread to cancel the running goal and end. Return False if the thread is still running."""
-        return self._loop.stop()
+        self._ros_client = backend.actions.action_client(backend, self.route.wire, self.counters)
+        self._thread.start()
 
     def _step(self, plc: ActionServer[Any] | None) -> float:
         if plc is None:
@@ -182,7 +174,7 @@ class PlcActionClient(Side):
 
     def _send(self, plc: ActionServer[Any], goal: ServedGoal[Any]) -> None:
         news = _News()
-        kind, timeout = self._route.kinds["_Goal"], self._route.entry.timeout
+        kind, timeout = self.route.kinds["_Goal"], self.route.entry.timeout
         try:
             cancel = self._ros_client.send(lambda empty: kind._decode(bytes(goal.request), empty), timeout, news)
         except Exception as error:  # NoAnswer, or any exception of a ROS library
@@ -205,7 +197,7 @@ class PlcActionClient(Side):
         canceling: threading.Thread | None = None
         until, last_heartbeat = inf, -inf
         reopen_count = plc.reopen_count
-        while time.monotonic() < until and not self._stopping.is_set():
+        while time.monotonic() < until and not self.stopping.is_set():
             try:
                 now = time.monotonic()
                 for feedback in news.pop_feedback():
@@ -216,7 +208,7 @@ class PlcActionClient(Side):
                 is_unwanted = goal.is_cancel_requested
                 is_replaced = self.end.current is not plc or plc.reopen_count != reopen_count
                 if is_replaced or not goal.is_awaited or not plc.client_lives():
-                    is_unwanted, until = True, min(until, now + self._route.entry.timeout)
+                    is_unwanted, until = True, min(until, now + self.route.entry.timeout)
                 if is_unwanted:
                     canceling = canceling or cancel()
                 if not news.is_any and now >= last_heartbeat + _HEARTBEAT_INTERVAL:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from shmgen.bridge.backend import Backend, NoAnswer
 from shmgen.bridge.common.counters import Counters, describe
-from shmgen.bridge.plan import About
+from shmgen.bridge.plan import CallRoute, Route
 from shmgen.runtime import Closed, LayoutMismatch, PermissionDenied, RegionInUse, RegionUnusable
 from shmgen.runtime.region.resource import Closable
 
@@ -118,14 +119,17 @@ class RegionEndpoint(Generic[T]):
 class Side(ABC):
     """A topic, a service or an action that the bridge carries. If one fails, the others continue."""
 
+    route: Any
     end: RegionEndpoint[Any]
 
-    def __init__(self, about: About, counters: Counters, stopping: threading.Event) -> None:
-        self.about = about
+    def __init__(self, route: Route | CallRoute, counters: Counters) -> None:
+        self.route, self.about = route, route.about
         self.counters = counters
+        self.stopping = threading.Event()
+        self.undo: list[Callable[[], object]] = []
+        """Functions that remove all that start() has created in ROS."""
         self.qos_problem: Callable[[], str] = lambda: ""
         """Returns the reason why a ROS peer has incompatible QoS, or `""`. start() sets it for topics."""
-        self._stopping = stopping
 
     @abstractmethod
     def start(self, backend: Backend) -> None:
@@ -138,21 +142,22 @@ class Side(ABC):
         """Stop sending, while ROS is connected and `stopping` is set. Return False if a ROS call is still running."""
         return True
 
+    def remove(self, closes: bool) -> None:
+        """Stop the topic, service or action and remove it from ROS. If `closes` is True, also close its regions."""
+        while not self.stop():
+            time.sleep(POLL_INTERVAL)
+        for undo in reversed(self.undo):
+            undo()
+        if closes:
+            self.end.close()
 
-class WorkerThread(Generic[T]):
-    """A thread that calls the function `step` until the bridge stops."""
 
-    def __init__(self, step: Callable[[T | None], float], end: RegionEndpoint[T], stopping: threading.Event) -> None:
-        """Prepare a thread that calls `step` until `stopping` is set.
+class WorkerSide(Side):
+    """A service or an action with a thread that calls `_step` until `stopping` is set."""
 
-        `step` receives the open region endpoint of `end`, or None while the region is not open. It returns the delay in
-        seconds until its next call. A long step should check `stopping` itself every 0.1 s.
-        """
-        self._step, self._end, self._stopping = step, end, stopping
+    def __init__(self, route: CallRoute, counters: Counters) -> None:
+        super().__init__(route, counters)
         self._thread = threading.Thread(target=self._run, daemon=True)
-
-    def start(self) -> None:
-        self._thread.start()
 
     def stop(self) -> bool:
         """Wait at most 0.2 s for the thread. Return True if the thread has ended. The caller first sets `stopping`."""
@@ -160,11 +165,19 @@ class WorkerThread(Generic[T]):
             self._thread.join(2 * POLL_INTERVAL)
         return not self._thread.is_alive()
 
+    @abstractmethod
+    def _step(self, plc: Any) -> float:
+        """Carry calls or goals. Return the delay in seconds until the next step.
+
+        `plc` is the open region endpoint, or None while the region is not open. A long step should check `stopping`
+        every 0.1 s.
+        """
+
     def _run(self) -> None:
-        while not self._stopping.is_set():
+        while not self.stopping.is_set():
             pause = POLL_INTERVAL
             try:
-                pause = self._step(self._end.current)
+                pause = self._step(self.end.current)
             except Exception as error:  # from a region or a ROS library
-                self._end.report(error)
-            self._stopping.wait(pause)
+                self.end.report(error)
+            self.stopping.wait(pause)

@@ -7,7 +7,7 @@ import time
 from typing import Any, Protocol
 
 from shmgen.bridge.common.counters import Counters
-from shmgen.bridge.endpoint import POLL_INTERVAL, RETRY_INTERVAL
+from shmgen.bridge.endpoint import POLL_INTERVAL, RETRY_INTERVAL, RegionEndpoint
 from shmgen.runtime import RegionRetired, ShmError, Subscriber, ready_any
 
 _LOCK_INTERVAL = 0.001
@@ -17,20 +17,13 @@ _BLOCK_LIMIT = 0.5
 
 
 class PlcTopic(Protocol):
-    """The interface that a topic from the PLC offers to the thread that reads all such topics."""
+    """A topic from the PLC, whose samples a listener reads."""
 
     counters: Counters
-
-    @property
-    def subscriber(self) -> Subscriber[Any] | None:
-        """The open subscriber of the topic's region, or None while the region is not open."""
+    end: RegionEndpoint[Any]
 
     def take(self, reader: Subscriber[Any]) -> bool:
         """Forward the unread samples of `reader` to ROS. Return False if no sample could be read."""
-
-    @property
-    def report(self) -> Any:
-        """The function that the thread calls with an error of the topic's subscriber or of take(), to log the error."""
 
 
 class Listener:
@@ -93,7 +86,7 @@ class Listener:
         for topic in tuple(self._topics):
             if time.monotonic() >= self._retry_at.get(topic, 0.0):
                 try:
-                    if reader := topic.subscriber:
+                    if reader := topic.end.current:
                         reader.ready(0)  # raise the errors of this reader here, where the topic is known
                         self._readers[reader] = topic
                 except Exception as error:
@@ -140,5 +133,5 @@ class Listener:
     def _pause(self, topic: PlcTopic, error: Exception) -> None:
         """Report any error of a topic and pause this topic for a while, so that the other topics continue."""
         if topic in self._topics:  # otherwise the topic was removed and closed
-            topic.report(error)
+            topic.end.report(error)
             self._retry_at[topic] = time.monotonic() + RETRY_INTERVAL

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from shmgen.bridge import backend
 from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
 from shmgen.bridge.codec.direct import direct_codec
 from shmgen.config.entries import TopicEntry
@@ -39,7 +38,6 @@ class Route:
     topic: TopicEntry
     wire: Wire
     kind: type[Message]
-    layouts: Layouts
     stamp: tuple[str, ...]
 
     @property
@@ -101,7 +99,7 @@ def routes(session: Session) -> list[Route]:
         direct = direct_codec(kind, stamp if carried.stamp == "now" else ())
         size = layouts[type_].size
         wire = Wire(topic.topic, messages, carried.qos, carried.latch, topic.depth, size, accepts, direct)
-        return Route(topic, wire, kind, layouts, stamp)
+        return Route(topic, wire, kind, stamp)
 
     return [route(topic, typed.type) for topic, typed in zip(session.config.topics, topics, strict=True)]
 
@@ -159,12 +157,6 @@ def clock(session: Session) -> Wire:
 def diagnostics(session: Session) -> Wire:
     """Return the ROS side of the topic /diagnostics. Raises Rejected if DiagnosticArray has no definition."""
     return Wire("/diagnostics", session.schema(["diagnostic_msgs/DiagnosticArray"]).messages)
-
-
-def largest(session: Session) -> int:
-    """Return the largest size limit in bytes of all serialized messages. Raises Rejected if a type has errors."""
-    layouts = session.layouts(session.config.types_used).values()
-    return backend.largest(max((layout.size for layout in layouts), default=0))
 
 
 def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:

@@ -16,7 +16,7 @@ from functools import partial
 from itertools import count
 
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Backend, Node, RosPublisher
+from shmgen.bridge.backend import Backend, Node, RosPublisher, largest
 from shmgen.bridge.common import choice, watchdog
 from shmgen.bridge.common.arguments import Arguments, SimulatedClock, parse, with_parameters
 from shmgen.bridge.diagnostics import Reporter
@@ -91,9 +91,10 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
         for sink in sinks:
             sink(text)
 
-    sides = Sides(log_to_all, signals.beat, (lambda name: name) if has_ros else ros_arguments.resolve)
+    resolve = (lambda name: name) if has_ros else ros_arguments.resolve
+    sides = Sides(log_to_all, signals.beat, resolve, signals.stop.is_set)
     try:
-        sides.open(session, signals.stop.is_set)
+        sides.open(session)
         show(f"{config.bridge.node}: backend {backend_name} ({why}), {_counts_text(config)}")
         for line in summary(sides):
             show(line)
@@ -107,7 +108,7 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
                     wire, clock = plan.clock(session), SimulatedClock("/clock", log)
                     backend.now = lambda: clock.time  # type: ignore[method-assign]
                     backend.subscribe(replace(wire, name=sides.resolve(wire.name)), clock)
-                sides.start(backend, signals.stop.is_set)
+                sides.start(backend)
                 report = _reports(session, backend, sides, backend.name or name, log)
                 show("running")
                 _notify("READY=1")
@@ -163,8 +164,11 @@ def _counts_text(config: Config) -> str:
 
 
 def _largest(session: Session) -> int:
+    """Return the largest size limit in bytes of all serialized messages. Raises Rejected if a type has errors."""
     config = session.config
-    return max(plan.largest(session), (len(config.topics) + len(config.services) + len(config.actions)) * _STATUS_SIZE)
+    sample_size = max((layout.size for layout in session.layouts(config.types_used).values()), default=0)
+    entry_count = len(config.topics) + len(config.services) + len(config.actions)
+    return max(largest(sample_size), entry_count * _STATUS_SIZE)
 
 
 def _reports(session: Session, backend: Backend, sides: Sides, name: str, log: Log) -> Callable[[], None]:
@@ -242,7 +246,7 @@ def _reload(before: Config, load: Callable[[], Config], node: Node, sides: Sides
     session = Session(config)
     if _largest(session) > node.largest:
         raise ValueError("its messages are larger than those the bridge was started with; start the bridge again")
-    sides.change(session, backend, stop.is_set)
+    sides.change(session, backend)
     again = "; [bridge] takes effect when the bridge is started again" if config.bridge != before.bridge else ""
     return "\n".join([f"shmgen.toml was read again: {_counts_text(config)}{again}", *summary(sides)])
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 from shmgen.bridge.backend import Backend, NoAnswer, RosClient
 from shmgen.bridge.common.counters import Counters, describe
-from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side, WorkerThread
+from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side, WorkerSide
 from shmgen.bridge.plan import CallRoute
 from shmgen.live.classes import client, server
 from shmgen.runtime import Closed, ServiceClient, ServiceServer, ValueRejected
@@ -16,14 +15,13 @@ from shmgen.runtime import Closed, ServiceClient, ServiceServer, ValueRejected
 class PlcServiceServer(Side):
     """Carries a service that the PLC offers: ROS calls, and the PLC answers. Simultaneous calls run one by one."""
 
-    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
-        super().__init__(route.about, counters, stopping)
-        self._route = route
+    def __init__(self, route: CallRoute, counters: Counters) -> None:
+        super().__init__(route, counters)
         kind = client(route.kinds["_Request"], route.kinds["_Reply"])
         self.end: RegionEndpoint[ServiceClient[Any, Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
 
     def start(self, backend: Backend) -> None:
-        backend.serve(self._route.wire, self._answer, self.counters.refuse)
+        backend.serve(self.route.wire, self._answer, self.counters.refuse)
 
     def stop(self) -> bool:
         """End all calls, without an answer, and return True."""
@@ -33,30 +31,25 @@ class PlcServiceServer(Side):
     def _answer(self, request: Any, response: Any) -> None:
         self.counters.mark_received()
         try:
-            answer = self.end.require().call(request, self._route.entry.timeout)
-            self._route.kinds["_Response"]._decode(bytes(answer), response)
+            answer = self.end.require().call(request, self.route.entry.timeout)
+            self.route.kinds["_Response"]._decode(bytes(answer), response)
             self.counters.passed += 1
         except Exception as error:  # CallTimeout, CallFailed, or any exception of a ROS library
             self.end.discard_after(error)
             raise NoAnswer(count_unanswered(self.counters, error)) from None
 
 
-class PlcServiceClient(Side):
+class PlcServiceClient(WorkerSide):
     """Carries a service that ROS offers: the PLC calls, and ROS answers. Each service has its own thread."""
 
-    def __init__(self, route: CallRoute, counters: Counters, stopping: threading.Event) -> None:
-        super().__init__(route.about, counters, stopping)
-        self._route = route
+    def __init__(self, route: CallRoute, counters: Counters) -> None:
+        super().__init__(route, counters)
         kind = server(route.kinds["_Request"], route.kinds["_Reply"])
         self.end: RegionEndpoint[ServiceServer[Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
-        self._loop = WorkerThread(self._step, self.end, stopping)
 
     def start(self, backend: Backend) -> None:
-        self._ros_client: RosClient = backend.client(self._route.wire)
-        self._loop.start()
-
-    def stop(self) -> bool:
-        return self._loop.stop()
+        self._ros_client: RosClient = backend.client(self.route.wire)
+        self._thread.start()
 
     def _step(self, plc: ServiceServer[Any] | None) -> float:
         if plc is None:
@@ -69,8 +62,8 @@ class PlcServiceClient(Side):
     def _forward(self, plc: ServiceServer[Any], call: Any) -> None:
         try:
             request = self._ros_client.new()
-            self._route.kinds["_Request"]._decode(bytes(call.request), request)
-            plc.reply(call, self._ros_client.call(request, self._route.entry.timeout))
+            self.route.kinds["_Request"]._decode(bytes(call.request), request)
+            plc.reply(call, self._ros_client.call(request, self.route.entry.timeout))
             self.counters.passed += 1
         except Exception as error:  # NoAnswer, or any exception of a ROS library
             count_unanswered(self.counters, error)

@@ -31,31 +31,11 @@ _END_LIMIT = 1.0
 """The maximum time in seconds that a reload waits until one topic, service or action has stopped."""
 
 
-@dataclass(slots=True, eq=False)
-class _Carried:
-    """A carried topic, service or action. `undo` lists functions that remove `side` from ROS: None until connected."""
-
-    route: Route | CallRoute
-    side: Side
-    stopping: threading.Event
-    undo: list[Callable[[], object]] | None = None
-
-    def end(self, closes: bool = True) -> None:
-        """Stop the topic, service or action and remove it from ROS. If `closes` is True, also close its regions."""
-        while not self.side.stop():
-            time.sleep(POLL_INTERVAL)
-        for undo in reversed(self.undo or []):
-            undo()
-        if closes:
-            self.side.end.close()
-
-
 @dataclass(slots=True)
 class Sides:
     """The topics, services and actions that the bridge carries. One of them is called a side.
 
-    `beaten` is the time of the last round of heartbeats. Parameters `is_over` are functions: once `is_over()` returns
-    True, because the bridge has to stop, a method waits no longer.
+    `beaten` is the time of the last round of heartbeats.
     """
 
     log: Callable[[str], None]
@@ -63,10 +43,12 @@ class Sides:
     """A callback after each round of heartbeats."""
     resolve: Callable[[str], str] = lambda name: name
     """Maps a name in shmgen.toml to the name in the ROS graph, for backends without their own remapping."""
+    is_over: Callable[[], bool] = lambda: False
+    """Returns True once the bridge has to stop. The methods of this class then wait no longer."""
     beaten: float = field(default_factory=time.monotonic)
     _stopping: threading.Event = field(default_factory=threading.Event)
     _listener: Listener | None = None
-    _carried: dict[Any, _Carried] = field(default_factory=dict)
+    _carried: dict[Any, Side] = field(default_factory=dict)
     """The sides by the key of their route. Assign a new dictionary for each change, because other threads read it."""
     _counters: dict[tuple[type, str], Counters] = field(default_factory=dict)
     """The counters of all names, also of removed topics. A topic that is added again continues its old counters."""
@@ -76,28 +58,27 @@ class Sides:
         threading.Thread(target=self._beat, name="beat", daemon=True).start()
 
     def __iter__(self) -> Iterator[Side]:
-        return iter([one.side for one in self._carried.values()])
+        return iter(list(self._carried.values()))
 
-    def open(self, session: Session, is_over: Callable[[], bool] = lambda: False) -> None:
+    def open(self, session: Session) -> None:
         """Create all topics, services and actions, and wait for the first attempt to open each region.
 
-        The bridge repeats failed attempts in the background. If `is_over()` becomes True, return without waiting.
-        Raises Rejected if shmgen.toml has errors.
+        The bridge repeats failed attempts in the background. Raises Rejected if shmgen.toml has errors.
         """
-        self._create(self._routes(session), is_over)
+        self._create(self._routes(session))
 
-    def start(self, backend: Backend, is_over: Callable[[], bool] = lambda: False) -> None:
-        """Connect all topics, services and actions to ROS, or stop early once `is_over()` returns True.
+    def start(self, backend: Backend) -> None:
+        """Connect all topics, services and actions to ROS.
 
         Raises ValueError if ROS lacks a message type, or if its definition of a type differs from shmgen's.
         """
-        self._connect(list(self._carried.values()), backend, is_over)
+        self._connect(self, backend)
 
-    def change(self, session: Session, backend: Backend, is_over: Callable[[], bool] = lambda: False) -> None:
+    def change(self, session: Session, backend: Backend) -> None:
         """Switch to the configuration of `session`. Unchanged topics, services and actions continue.
 
         All counters stay. If ROS rejects a new topic, service or action, restore the previous configuration and raise
-        the error. Raises Rejected if the new configuration has errors. See start() for `is_over`.
+        the error. Raises Rejected if the new configuration has errors.
         """
         routes = {route.key: route for route in self._routes(session)}
         before = dict(self._carried)
@@ -106,19 +87,19 @@ class Sides:
         new, changed = ([route for route in added if (_name(route) in ended) is known] for known in (False, True))
         replaced = [ended.pop(_name(route)) for route in changed]
         pairs = zip(replaced, changed, strict=True)
-        ends = {route.key: one.side.end for one, route in pairs if _uses_same_region(one.route, route)}
+        ends = {route.key: one.end for one, route in pairs if _uses_same_region(one.route, route)}
         try:
-            self._connect(self._create(new, is_over), backend, is_over)
+            self._connect(self._create(new), backend)
             self._end(replaced, handed_over=list(ends.values()))
-            self._connect(self._create(changed, is_over, ends), backend, is_over)
+            self._connect(self._create(changed, ends), backend)
         except Exception:
             self._end([one for key, one in self._carried.items() if key not in before])
             lost = [one.route for one in replaced if one.route.key not in self._carried]
-            self._connect(self._create(lost, is_over), backend, is_over)
+            self._connect(self._create(lost), backend)
             raise
         self._end(ended.values())
         for one in ended.values():
-            self.log(f"{one.side.about.name}: removed from shmgen.toml, no longer carried: {one.side.counters}")
+            self.log(f"{one.about.name}: removed from shmgen.toml, no longer carried: {one.counters}")
         self._carried = {key: self._carried[key] for key in routes}
 
     def check_qos(self) -> None:
@@ -130,8 +111,8 @@ class Sides:
     def stop(self) -> None:
         """Stop all topics, services and actions while ROS is still connected."""
         self._stopping.set()
-        for one in self._carried.values():
-            one.stopping.set()
+        for side in self:
+            side.stopping.set()
         for side in self:
             side.stop()
 
@@ -145,61 +126,54 @@ class Sides:
         return [plan.renamed(route, self.resolve) for route in plan.everything(session)]
 
     def _create(
-        self,
-        routes: Iterable[Route | CallRoute],
-        is_over: Callable[[], bool],
-        ends: Mapping[Any, Any] = MappingProxyType({}),
-    ) -> list[_Carried]:
+        self, routes: Iterable[Route | CallRoute], ends: Mapping[Any, Any] = MappingProxyType({})
+    ) -> list[Side]:
         """Create the topic, service or action of each route, and wait until each has tried once to open its region.
 
-        Stop waiting once `is_over()` returns True. `ends` maps the key of a route to an already open region endpoint
-        that the new topic takes over.
+        `ends` maps the key of a route to an already open region endpoint that the new topic takes over.
         """
         sides = [self._side(route, ends.get(route.key)) for route in routes]
         self._carried = {**self._carried, **{one.route.key: one for one in sides}}
         for one in sides:
-            while not one.side.end.attempted.wait(POLL_INTERVAL) and not is_over():
+            while not one.end.attempted.wait(POLL_INTERVAL) and not self.is_over():
                 pass
         return sides
 
-    def _side(self, route: Route | CallRoute, end: Any = None) -> _Carried:
-        stopping = threading.Event()
+    def _side(self, route: Route | CallRoute, end: Any = None) -> Side:
         counters = self._counters.setdefault(_name(route), Counters(route.about.name, self.log))
         counters.complaint = counters.incompatible_peer = ""
-        side: Side
         match route:
             case Route(to_plc=True):
-                side = ToPlc(route, counters, stopping, end)
+                return ToPlc(route, counters, end)
             case Route():
-                side = FromPlc(route, counters, stopping, self._listener, end)
+                return FromPlc(route, counters, self._listener, end)
             case CallRoute(entry=Service()):
-                side = (PlcServiceServer if route.entry.on_plc else PlcServiceClient)(route, counters, stopping)
+                return (PlcServiceServer if route.entry.on_plc else PlcServiceClient)(route, counters)
             case CallRoute():
-                side = (PlcActionServer if route.entry.on_plc else PlcActionClient)(route, counters, stopping)
-        return _Carried(route, side, stopping)
+                return (PlcActionServer if route.entry.on_plc else PlcActionClient)(route, counters)
 
-    def _connect(self, sides: list[_Carried], backend: Backend, is_over: Callable[[], bool]) -> None:
+    def _connect(self, sides: Iterable[Side], backend: Backend) -> None:
         """Connect `sides` (topics, services and actions) to ROS, one after another, in a thread.
 
         If ROS blocks the thread for 5 s, continue with the next one in a new thread. Raises the last error, if any.
         """
         waiting, failed = list(sides), list[Exception]()
-        while waiting and not is_over():
+        while waiting and not self.is_over():
             thread = threading.Thread(target=_start, args=(backend, waiting, failed), name="start", daemon=True)
             thread.start()
             left, since = len(waiting), time.monotonic()
-            while thread.is_alive() and not is_over():
+            while thread.is_alive() and not self.is_over():
                 thread.join(POLL_INTERVAL)
                 if len(waiting) < left:
                     left, since = len(waiting), time.monotonic()
                 elif waiting and time.monotonic() - since > _START_LIMIT:
-                    name = waiting.pop(0).side.about.name
+                    name = waiting.pop(0).about.name
                     self.log(f"{name}: ROS has not connected it within {_START_LIMIT:g} s; the others continue")
                     break
         if failed:
             raise failed[-1]
 
-    def _end(self, sides: Iterable[_Carried], handed_over: Collection[RegionEndpoint[Any]] = ()) -> None:
+    def _end(self, sides: Iterable[Side], handed_over: Collection[RegionEndpoint[Any]] = ()) -> None:
         """Stop `sides` (topics, services and actions) and close their regions.
 
         Keep the regions in `handed_over` open, so that no sample is lost. Wait at most 1 s for each of `sides`. If a
@@ -210,8 +184,8 @@ class Sides:
         for one in ending:
             one.stopping.set()
         for one in ending:
-            closes = one.side.end not in handed_over
-            thread = threading.Thread(target=one.end, args=(closes,), name="end", daemon=True)
+            closes = one.end not in handed_over
+            thread = threading.Thread(target=one.remove, args=(closes,), name="end", daemon=True)
             thread.start()
             thread.join(_END_LIMIT)
 
@@ -227,13 +201,13 @@ class Sides:
             self.report_alive()
 
 
-def _start(backend: Backend, waiting: list[_Carried], failed: list[Exception]) -> None:
+def _start(backend: Backend, waiting: list[Side], failed: list[Exception]) -> None:
     """Connect each entry of `waiting` to ROS, and remove it, until a new thread takes over. Add errors to `failed`."""
     while waiting:
         one = waiting[0]
         one.undo = backend.undo = []
         try:
-            one.side.start(backend)
+            one.start(backend)
         except Exception as error:
             failed.append(error)
         if not waiting or waiting[0] is not one:

@@ -27,12 +27,10 @@ class ToPlc(Side):
         self,
         route: Route,
         counters: Counters,
-        stopping: threading.Event,
         end: RegionEndpoint[Publisher[Message]] | None = None,
     ) -> None:
         """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
-        super().__init__(route.about, counters, stopping)
-        self.route = route
+        super().__init__(route, counters)
         self.reject, self.refuse = counters.reject, counters.refuse
         self.set_incompatible_peer, self.lose = counters.set_incompatible_peer, counters.lose
         self._waiting: Any = None
@@ -88,7 +86,7 @@ class ToPlc(Side):
     def _paced(self, period: float) -> None:
         """Publish the newest message, at most once in `period` seconds. The last message of a burst is not lost."""
         due = 0.0
-        while not self._stopping.wait(max(0.0, due - time.monotonic())):
+        while not self.stopping.wait(max(0.0, due - time.monotonic())):
             if not self._has_message.wait(POLL_INTERVAL):
                 continue
             with self._lock:
@@ -137,13 +135,11 @@ class FromPlc(Side):
         self,
         route: Route,
         counters: Counters,
-        stopping: threading.Event,
         listener: Listener | None = None,
         end: RegionEndpoint[Subscriber[Message]] | None = None,
     ) -> None:
         """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
-        super().__init__(route.about, counters, stopping)
-        self.route = route
+        super().__init__(route, counters)
         self._sending = threading.Lock()
         self._window: SendWindow | None = None
         self._outlet: RosPublisher | None = None
@@ -151,16 +147,16 @@ class FromPlc(Side):
         self._due = 0.0
         self._is_first = True
         self.end = end or RegionEndpoint(self._open_subscriber, counters)
-        self.end.silence, self.report = self._silence, self.end.report
+        self.end.silence = self._silence
         waits = route.topic.carried.rate or route.wire.is_large
-        self._listener = listener if listener and not waits else Listener(stopping)
+        self._listener = listener if listener and not waits else Listener(self.stopping)
 
     def start(self, backend: Backend) -> None:
         wire = self.route.wire
         outlet, self._now = backend.publisher(wire), backend.now
         waits = wire.is_large and wire.qos != "best_effort" and not wire.latch
         if waits and outlet.acknowledged:
-            self._window = SendWindow(outlet.acknowledged, wire.queue, self._stopping.is_set)
+            self._window = SendWindow(outlet.acknowledged, wire.queue, self.stopping.is_set)
         self._outlet, self._message, self.qos_problem = outlet, outlet.new(), outlet.qos_problem
         plan.check(self.route, self._message)
         self._listener.add(self)
@@ -186,14 +182,10 @@ class FromPlc(Side):
         self._sending.release()
         return True
 
-    @property
-    def subscriber(self) -> Subscriber[Message] | None:
-        return self.end.current
-
     def take(self, reader: Subscriber[Message]) -> bool:
         rate = self.route.topic.carried.rate
         if rate:
-            if self._stopping.wait(max(0.0, self._due - time.monotonic())):
+            if self.stopping.wait(max(0.0, self._due - time.monotonic())):
                 return True
             self._due = time.monotonic() + 1 / rate
             samples = [sample] if (sample := reader.read()) else []
@@ -201,7 +193,7 @@ class FromPlc(Side):
             samples = reader.read_all()
         for sample in samples:
             with self._sending:
-                if self._stopping.is_set():
+                if self.stopping.is_set():
                     self.counters.missed += 1
                 else:
                     self._send(sample)

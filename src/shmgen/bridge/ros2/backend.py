@@ -112,19 +112,21 @@ class Ros2(Backend):
             kind,
             wire.name,
             _profile(qos.ours(wire), queue),
-            event_callbacks=_when_matched(PublisherEventCallbacks, check_peers),
+            event_callbacks=PublisherEventCallbacks(matched=check_peers),
             qos_overriding_options=_OVERRIDES,
         )
         own = _policies(publisher)
         self.undo.append(lambda: self._node.destroy_publisher(publisher))
-        wait = getattr(publisher, "wait_for_all_acked", None)  # ROS 2 before Humble has none
-        acknowledged = (lambda seconds: bool(wait(Duration(seconds=seconds)))) if wait else None
-        send = publisher.publish
+
+        def acknowledged(seconds: float) -> bool:
+            return bool(publisher.wait_for_all_acked(Duration(seconds=seconds)))
 
         def qos_problem() -> str:
             return qos.problem(own, map(_policies, listed(publisher.topic_name)), publishes=True)
 
-        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), None, acknowledged, qos_problem)
+        return RosPublisher(
+            cdr.new, lambda message: publisher.publish(cdr.encode(message)), None, acknowledged, qos_problem
+        )
 
     def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
         kind, cdr = types.message(wire.messages), _codec(wire.messages)
@@ -135,6 +137,7 @@ class Ros2(Backend):
         is_fixed = f"qos_overrides.{name}.subscription.reliability" in self._node._parameter_overrides
 
         def create(policies: qos.Qos) -> tuple[Any, qos.Qos, Callable[[], None]]:
+            inlet: Inlet
             is_adopted = policies != qos.ours(wire)  # the parameters are declared already, with the earlier QoS
             subscription = self._node.create_subscription(
                 kind,
@@ -143,7 +146,7 @@ class Ros2(Backend):
                 _profile(policies, wire.queue),
                 callback_group=Ours(),
                 raw=True,
-                event_callbacks=_when_matched(SubscriptionEventCallbacks, lambda event: inlet.look()),
+                event_callbacks=SubscriptionEventCallbacks(matched=lambda event: inlet.look()),
                 qos_overriding_options=None if is_adopted else _OVERRIDES,
             )
             peers = Peers(identity, sink.set_incompatible_peer, lambda: _hashes(find(name)))
@@ -301,14 +304,6 @@ class Ros2(Backend):
             except Exception as error:
                 if not self._closing.is_set():
                     self._log(f"{type(error).__name__}: {error}")
-
-
-def _when_matched(callbacks: Any, on_match: Callable[..., None]) -> Any:
-    """Return event callbacks that call `on_match` for a new peer. ROS 2 before Iron has no such event."""
-    try:
-        return callbacks(matched=on_match)
-    except TypeError:
-        return callbacks()
 
 
 def _never(*messages: Any) -> None:
