@@ -49,20 +49,13 @@ class TopicEntry:
     carried: TransferOptions = field(default_factory=TransferOptions)
 
 
-class ServiceEntry(NamedTuple):
-    """One `[[services]]` entry. `server` is `plc` or `ros`. The bridge waits `timeout` seconds for a response."""
+class CallEntry(NamedTuple):
+    """One `[[services]]` or `[[actions]]` entry. `server` is `plc` or `ros`.
 
-    service: str
-    type: str
-    server: str
-    timeout: float
-    span: Span
+    The bridge waits `timeout` seconds for the response of a service, or until a goal of an action is accepted.
+    """
 
-
-class ActionEntry(NamedTuple):
-    """One `[[actions]]` entry. `server` is `plc` or `ros`. A goal must be accepted within `timeout` seconds."""
-
-    action: str
+    name: str
     type: str
     server: str
     timeout: float
@@ -74,17 +67,11 @@ def topics(read: Reader, data: dict[str, Any]) -> tuple[TopicEntry, ...]:
     return tuple(_topic(read, entry) for entry in _entries(read, data, "topics", abi.MAX_NAME))
 
 
-def services(read: Reader, data: dict[str, Any]) -> tuple[ServiceEntry, ...]:
+def calls(read: Reader, data: dict[str, Any], list_name: str) -> tuple[CallEntry, ...]:
+    """Read all [[services]] or all [[actions]]. Reports invalid entries as SHM501 or SHM502."""
     return tuple(
-        ServiceEntry(entry.name, entry.type, entry.values["server"], entry.values["timeout"], entry.span)
-        for entry in _entries(read, data, "services", abi.MAX_CALL_NAME)
-    )
-
-
-def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
-    return tuple(
-        ActionEntry(entry.name, entry.type, entry.values["server"], entry.values["timeout"], entry.span)
-        for entry in _entries(read, data, "actions", abi.MAX_CALL_NAME)
+        CallEntry(entry.name, entry.type, entry.values["server"], entry.values["timeout"], entry.span)
+        for entry in _entries(read, data, list_name, abi.MAX_CALL_NAME)
     )
 
 

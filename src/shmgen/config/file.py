@@ -13,7 +13,7 @@ from typing import Any
 from shmgen.config import document, entries
 from shmgen.config.bridging import Bridge
 from shmgen.config.document import Reader
-from shmgen.config.entries import ActionEntry, Bound, Bounds, ServiceEntry, TopicEntry
+from shmgen.config.entries import Bound, Bounds, CallEntry, TopicEntry
 from shmgen.config.keys import BOUND_KEY, LISTS, MAX_REGION, SECTIONS, keys_of
 from shmgen.core.diagnostics import Report, Span, closest
 from shmgen.core.model import Regions, TypeOptions
@@ -51,8 +51,8 @@ class Config:
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[TopicEntry, ...] = ()
-    services: tuple[ServiceEntry, ...] = ()
-    actions: tuple[ActionEntry, ...] = ()
+    services: tuple[CallEntry, ...] = ()
+    actions: tuple[CallEntry, ...] = ()
     regions: Regions = field(default_factory=Regions)
     bridge: Bridge = field(default_factory=Bridge)
     sources: tuple[Path, ...] = ()
@@ -61,7 +61,7 @@ class Config:
     @property
     def types_used(self) -> tuple[str, ...]:
         """The types of topics, services and actions, each once."""
-        entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*self.topics, *self.services, *self.actions)
+        entries: tuple[TopicEntry | CallEntry, ...] = (*self.topics, *self.services, *self.actions)
         return tuple(dict.fromkeys(entry.type for entry in entries))
 
 
@@ -128,8 +128,8 @@ class _Sections:
                 default_sequence=values["bounds"]["default"],
             ),
             topics=entries.topics(self.read, data),
-            services=entries.services(self.read, data),
-            actions=entries.actions(self.read, data),
+            services=entries.calls(self.read, data, "services"),
+            actions=entries.calls(self.read, data, "actions"),
             regions=Regions(int(mode, 8) if mode else None, regions["group"], regions["sync"]),
             bridge=Bridge(**values["bridge"]),
             sources=tuple(root / file for file in values["plc"]["sources"]),

@@ -11,7 +11,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from shmgen import definitions
-from shmgen.config import Config, entries
+from shmgen.config import Config
+from shmgen.config.entries import CallEntry
 from shmgen.core.diagnostics import Diagnostic, Report
 from shmgen.core.model import Layouts, Output, Schema, TypeName, TypeOptions
 from shmgen.drift import lockfile
@@ -245,8 +246,8 @@ def lock_settings(config: Config) -> dict[str, object]:
         "encoding": config.types.encoding,
         "overflow": config.types.overflow,
         "topics": [f"{topic.direction} {topic.topic} {topic.type} depth {topic.depth}" for topic in config.topics],
-        **({"services": [_spelled(it.service, it) for it in config.services]} if config.services else {}),
-        **({"actions": [_spelled(it.action, it) for it in config.actions]} if config.actions else {}),
+        **({"services": [_spelled(entry) for entry in config.services]} if config.services else {}),
+        **({"actions": [_spelled(entry) for entry in config.actions]} if config.actions else {}),
         "task_interval": config.task_interval,
         **_regions(config),
         **({"skip_unbounded": True} if config.skip_unbounded else {}),
@@ -264,9 +265,9 @@ def _regions(config: Config) -> dict[str, object]:
     return {key: value for key, value in options.items() if value}
 
 
-def _spelled(name: str, entry: entries.ServiceEntry | entries.ActionEntry) -> str:
+def _spelled(entry: CallEntry) -> str:
     """Return the line of a service or an action in layout.lock: server, name and type.
 
     The timeout is omitted, because it affects only the bridge.
     """
-    return f"{entry.server} {name} {entry.type}"
+    return f"{entry.server} {entry.name} {entry.type}"
