@@ -137,10 +137,6 @@ class Reader:
         places = ((section, key), (f"{section}.{key}".lstrip("."), ""), (section, ""), ("", section))
         return next((self.positions[place] for place in places if place in self.positions), self.file)
 
-    def quoted(self, words: Collection[str]) -> dict[str, Span]:
-        """Map each word of `words` that the document contains in quotes to the position of its first occurrence."""
-        return quoted(self.text, self.file.path, words)
-
 
 def quoted(text: str, shown_path: str, words: Collection[str]) -> dict[str, Span]:
     """Map each word of `words` that a TOML document contains in quotes to the position of its first occurrence."""
