@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from shmgen.config import document, entries
-from shmgen.config.bridging import Bridge
 from shmgen.config.document import Reader
 from shmgen.config.entries import Bound, Bounds, CallEntry, TopicEntry
 from shmgen.config.keys import BOUND_KEY, LISTS, MAX_REGION, SECTIONS, keys_of
@@ -20,6 +19,20 @@ from shmgen.core.model import Regions, TypeOptions
 from shmgen.targets import USUAL
 
 FILE_NAME = "shmgen.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Bridge:
+    """The table `[bridge]` of shmgen.toml.
+
+    `diagnostics` is the seconds between two messages on /diagnostics, or 0 for no messages. `domain` is the DDS domain.
+    None selects the domain in ROS_DOMAIN_ID.
+    """
+
+    backend: str = "auto"
+    node: str = "shmgen_bridge"
+    diagnostics: float = 1.0
+    domain: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
