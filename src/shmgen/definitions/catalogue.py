@@ -11,15 +11,19 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 from shmgen.core.model import TypeName
-from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
-from shmgen.definitions.wrappers import WRAPPERS
+
+SECTIONS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
+"""Kind of file -> the endings of its messages' names."""
+WRAPPERS = {"msg": (), "srv": ("_Reply",), "action": ("_Command", "_Progress", "_Outcome")}
+"""Kind of file -> the endings of its wrappers' names."""
 
 
 class Definition(NamedTuple):
     """A definition that is not read yet. `content` is the path of its file, or its text.
 
-    Diagnostics print `path`, and generated files print `origin`.
+    `name` is the type that the file defines, such as std_srvs/srv/SetBool. Diagnostics print `path`, and
+    generated files print `origin`.
     """
 
     name: TypeName

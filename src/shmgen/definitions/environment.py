@@ -15,8 +15,7 @@ from pathlib import Path
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import TypeName
 from shmgen.definitions import folders
-from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
-from shmgen.definitions.parser import SECTIONS
+from shmgen.definitions.catalogue import SECTIONS, Catalogue, Definition, Package, package_of
 from shmgen.definitions.tokens import Dialect
 
 DEBIAN = Path("/usr/share")

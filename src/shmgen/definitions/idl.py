@@ -17,22 +17,23 @@ from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Array, Constant, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
 from shmgen.definitions import comments, syntax_hints
 from shmgen.definitions.annotations import Annotation, Text, extract_annotations, text_of, to_msg_literal
+from shmgen.definitions.catalogue import SECTIONS, Definition
 from shmgen.definitions.fieldtypes import CLOCKS, read_bound
 from shmgen.definitions.literals import read_constant, read_default
-from shmgen.definitions.parser import SECTIONS, Source, lines_of
+from shmgen.definitions.parser import lines_of
 from shmgen.definitions.rosidl import syntax_tree, words
 from shmgen.definitions.tokens import DefinitionError, Token, quote
 
 
-def parse(source: Source, report: Report) -> tuple[Message, ...]:
+def parse(definition: Definition, text: str, report: Report) -> tuple[Message, ...]:
     """Return the messages of an .idl file: one if the file is in msg/, two in srv/, three in action/.
 
     Return an empty tuple if the file is not usable. Errors go to the report: SHM001, SHM003, SHM004, SHM005, SHM006,
     SHM008, SHM102, SHM201, SHM302.
     """
-    lines = lines_of(source, report)
+    lines = lines_of(text, definition.path, report)
     try:
-        file = _split(source, Text.of(lines)) if lines else None
+        file = _split(definition, Text.of(lines)) if lines else None
         return tuple(_message(file, struct, report) for struct in file.structs) if file else ()
     except DefinitionError as error:
         report.error(error.code, error.message, error.span, hint=error.hint)
@@ -47,7 +48,7 @@ class _File(NamedTuple):
     name.
     """
 
-    source: Source
+    definition: Definition
     text: Text
     code: str
     noted: Mapping[int, list[Annotation]]
@@ -59,7 +60,7 @@ class _File(NamedTuple):
     @property
     def expected(self) -> list[str]:
         """The names of the structures that the file must contain."""
-        _, kind, name = self.source.name
+        _, kind, name = self.definition.name
         return [name + ending for ending in SECTIONS[kind]]
 
     def token(self, name: Any) -> Token:
@@ -101,7 +102,7 @@ _DEEPEST_TYPEDEF = 20
 _ASSIGNED = re.compile(r'\s*=\s*((?:L?"(?:\\.|[^"\\\n])*"\s*)+|[^;"]*)')
 
 
-def _split(source: Source, text: Text) -> _File:
+def _split(definition: Definition, text: Text) -> _File:
     code, annotations = extract_annotations(text)
     typedefs: dict[str, tuple[Any, Any]] = {}
     constants: dict[str, list[Any]] = {}
@@ -123,7 +124,7 @@ def _split(source: Source, text: Text) -> _File:
     noted: dict[int, list[Annotation]] = {}
     for annotation in annotations:
         noted.setdefault(places[bisect(places, annotation.start)], []).append(annotation)
-    file = _File(source, text, code, noted, typedefs, constants, [], enums)
+    file = _File(definition, text, code, noted, typedefs, constants, [], enums)
     file.structs.extend(_expected_structs(file, structs))
     return file
 
@@ -145,7 +146,7 @@ def _expected_structs(file: _File, structs: Mapping[str, tuple[tuple[str, ...], 
 
     Raises DefinitionError (SHM003) if a structure is missing or the file contains another structure.
     """
-    (package, kind, name), expected = file.source.name, file.expected
+    (package, kind, name), expected = file.definition.name, file.expected
     for struct, (modules, node) in structs.items():
         if struct not in expected or modules != (package, kind):
             is_called = "::".join((*modules, struct))
@@ -158,7 +159,7 @@ def _expected_structs(file: _File, structs: Mapping[str, tuple[tuple[str, ...], 
 
 
 def _message(file: _File, struct: Any, report: Report) -> Message:
-    name = file.source.name._replace(name=str(_name(struct)))
+    name = file.definition.name._replace(name=str(_name(struct)))
     fields: dict[str, Field] = {}
     constants: dict[str, Constant] = {}
     for node in file.constants.get(f"{name.name}_Constants", ()):
@@ -171,9 +172,9 @@ def _message(file: _File, struct: Any, report: Report) -> Message:
                 _add(fields, _field(file, member, _name(first), declarator), file.token(_name(declarator)))
     if list(fields) == [_FILLER]:
         fields = {}
-    span = Span(file.source.path) if name == file.source.name else file.token(_name(struct)).span
+    span = Span(file.definition.path) if name == file.definition.name else file.token(_name(struct)).span
     doc, text = _doc(file, _name(struct)), file.text.whole
-    return Message(name, tuple(fields.values()), tuple(constants.values()), span, file.source.origin, text, doc)
+    return Message(name, tuple(fields.values()), tuple(constants.values()), span, file.definition.origin, text, doc)
 
 
 @contextmanager
@@ -277,7 +278,7 @@ def _type(file: _File, node: Any, name: Token, depth: int = 0) -> FieldType:
         inner, declarator = file.typedefs[parts[0]]
         return _with_length(_type(file, inner, name, depth + 1), declarator, name)
     if parts in ([struct] for struct in file.expected):  # the schema rejects this type as recursive
-        return Ref(file.source.name._replace(name=parts[0]))
+        return Ref(file.definition.name._replace(name=parts[0]))
     if len(parts) != 3:
         raise name.error("SHM004", f"unknown type {quote('::'.join(parts))}", _hint(file, parts))
     if parts[0] == "builtin_interfaces" and parts[2] in CLOCKS:

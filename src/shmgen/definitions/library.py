@@ -13,7 +13,7 @@ from shmgen.core.model import Message, TypeName
 from shmgen.definitions import store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
-from shmgen.definitions.parser import Source, parse
+from shmgen.definitions.parser import parse
 from shmgen.definitions.tokens import Dialect
 from shmgen.definitions.wrappers import wrappers
 
@@ -95,16 +95,15 @@ class Library:
         assert definition is not None
         if definition not in self._read:
             text = read(definition, self.report)
-            source = Source(definition.name, text or "", definition.path, definition.origin)
             if text is None:
                 parsed: tuple[Message, ...] = ()
             elif definition.path.endswith(".idl"):
                 from shmgen.definitions import idl  # imported late because few runs need it
 
-                parsed = idl.parse(source, self.report)
+                parsed = idl.parse(definition, text, self.report)
             else:
-                parsed = parse(source, package.dialect or self._dialect(), self.report)
-            generated = wrappers(definition.name, definition.path, definition.origin) if parsed else ()
+                parsed = parse(definition, text, package.dialect or self._dialect(), self.report)
+            generated = wrappers(definition) if parsed else ()
             self._read[definition] = {message.name: message for message in (*parsed, *generated)}
         message = self._read[definition].get(_action_part(name) if name not in package.definitions else name)
         return message and replace(message, name=name)

@@ -13,39 +13,25 @@ from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
 from shmgen.core.plural import counted
 from shmgen.definitions import comments, syntax_hints
+from shmgen.definitions.catalogue import SECTIONS, Definition
 from shmgen.definitions.fieldtypes import read_type, type_word
 from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.tokens import DefinitionError, Dialect, Line, Token, quote
 
-SECTIONS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
-"""Kind of file -> the endings of its messages' names."""
 
-
-class Source(NamedTuple):
-    """A definition to parse. `name` is the type that the file defines, such as std_srvs/srv/SetBool.
-
-    Diagnostics print `path`, generated files print `origin`.
-    """
-
-    name: TypeName
-    text: str
-    path: str
-    origin: str
-
-
-def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ...]:
+def parse(definition: Definition, text: str, dialect: Dialect, report: Report) -> tuple[Message, ...]:
     """Return the messages of a definition: one for a .msg file, two for a .srv file, three for an .action file.
 
     Return an empty tuple if the file is not usable. Errors go to the report, at most 20 for a file: SHM003, SHM005,
     SHM006, SHM102, SHM201, SHM202, SHM302.
     """
-    lines = lines_of(source, report)
+    lines = lines_of(text, definition.path, report)
     if not lines:
         return ()
-    name = source.name
+    name = definition.name
     if not _MESSAGE_NAME[dialect].fullmatch(name.name):
         hint = "name the file in CamelCase: a capital first, then letters and digits"
-        report.error("SHM202", f"{quote(name.name)} is not a message name", Span(source.path), hint=hint)
+        report.error("SHM202", f"{quote(name.name)} is not a message name", Span(definition.path), hint=hint)
         return ()
     endings = SECTIONS[name.kind]
     breaks = [index for index, line in enumerate(lines) if _SEPARATOR.fullmatch(line.text)]
@@ -61,15 +47,15 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
         return ()
     starts, ends = [0, *(index + 1 for index in breaks)], [*breaks, len(lines)]
     return tuple(
-        _message(lines[start:end], TypeName(name.package, name.kind, name.name + ending), source, dialect, report)
+        _message(lines[start:end], name.part(ending), definition, dialect, report)
         for start, end, ending in zip(starts, ends, endings, strict=True)
     )
 
 
-def lines_of(source: Source, report: Report) -> list[Line]:
+def lines_of(text: str, path: str, report: Report) -> list[Line]:
     """Split the text into lines. If the text contains a control character, report SHM003 and return an empty list."""
-    text = source.text.replace("\r\n", "\n").replace("\r", "\n")
-    lines = [Line(source.path, number, line) for number, line in enumerate(text.split("\n"), 1)]
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = [Line(path, number, line) for number, line in enumerate(text.split("\n"), 1)]
     for line in lines if _CONTROL.search(text) else ():
         if control := _CONTROL.search(line.text):
             code = f"U+{ord(control[0]):04X}"
@@ -101,7 +87,7 @@ class _Declaration(NamedTuple):
     comment: str
 
 
-def _message(lines: list[Line], name: TypeName, source: Source, dialect: Dialect, report: Report) -> Message:
+def _message(lines: list[Line], name: TypeName, definition: Definition, dialect: Dialect, report: Report) -> Message:
     declarations = _declarations(lines, name, dialect, report)
     texts = [line.text for line in lines]
     first = lines[0].number if lines else 0
@@ -121,10 +107,10 @@ def _message(lines: list[Line], name: TypeName, source: Source, dialect: Dialect
             spelled = "byte" if type_word(written.text) == "byte" else ""  # ROS 2 reads `char` in a .msg as uint8
             known = written.text, written.span, about, unit, value, spelled
             fields.append(Field(word.text, type, *known, plc=own.name, align=own.align))
-    span = Span(source.path) if name == source.name else Span(source.path, first, 1)
+    span = Span(definition.path) if name == definition.name else Span(definition.path, first, 1)
     doc, own = comments.split_plc_note(doc)
     text = "\n".join(texts)
-    return Message(name, tuple(fields), tuple(constants), span, source.origin, text, doc, own.name, own.pack)
+    return Message(name, tuple(fields), tuple(constants), span, definition.origin, text, doc, own.name, own.pack)
 
 
 def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: Report) -> dict[int, _Declaration]:

@@ -10,9 +10,8 @@ from typing import TypeAlias
 from shmgen.core.diagnostics import Diagnostic, Report, Span, closest
 from shmgen.core.model import OTHER_NAMES, Field, Message, Ref, Schema, TypeName, element_of
 from shmgen.definitions import folders, syntax_hints
-from shmgen.definitions.catalogue import Package
+from shmgen.definitions.catalogue import SECTIONS, Package
 from shmgen.definitions.library import Library, Sources, open_library
-from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import quote
 
 
