@@ -25,12 +25,7 @@ LARGEST_FILE = 2**19
 def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
     """Return all packages in and below `folder`. Report SHM001 if there are too many folders to search."""
     packages_by_name: dict[str, tuple[Package, ...]] = {}
-    packages = _packages(folder, relative_to)
-    if packages is None:
-        hint = "give the folder that contains your packages"
-        problem = f"more than {_MOST_FOLDERS:,} folders to search"
-        report.error("SHM001", problem, Span(shorten(folder, relative_to)), hint=hint)
-    for package in packages or ():
+    for package in _packages(folder, relative_to, report):
         with_definitions = tuple(other for other in packages_by_name.get(package.name, ()) if other.definitions)
         if package.definitions or not with_definitions:  # ignore a package without definitions if another has some
             packages_by_name[package.name] = (*with_definitions, package)
@@ -45,14 +40,13 @@ def package_around(file: Path, relative_to: Path) -> Package | None:
     folder = Path(os.path.abspath(file)).parent
     kind = kind_of(file)
     section = _section(folder)
-    package = _package(_root(section.parent) if section else folder, relative_to)
+    package = package_at(_root(section.parent) if section else folder, relative_to)
     if package is None:
         return None
-    name = package.name
-    definition = _definition(file, TypeName(name, kind, file.stem), relative_to)
-    siblings = {} if section else _loose(folder, name, relative_to)
-    definitions = {**siblings, **package.definitions, **dict.fromkeys(definition.messages, definition)}
-    return Package(name, package.place, definitions, package.dialect)
+    siblings = () if section else _files(folder, "msg")
+    definitions = [definition_of(sibling, package.name, "msg", relative_to) for sibling in siblings]
+    definitions += [*package.definitions.values(), definition_of(file, package.name, kind, relative_to)]
+    return package_of(package.name, package.place, definitions, package.dialect)
 
 
 def _section(folder: Path) -> Path | None:
@@ -124,8 +118,8 @@ _MOST_FOLDERS = 100_000
 """The largest number of folders to search for packages. A workspace with all of ROS has some thousand."""
 
 
-def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
-    """Return the packages in and below a folder, or None if there are too many folders.
+def _packages(folder: Path, relative_to: Path, report: Report) -> list[Package]:
+    """Return the packages in and below a folder. If there are too many folders, report SHM001 and return no package.
 
     The search is depth first, without recursion. A folder reached twice through links counts once.
     """
@@ -144,9 +138,12 @@ def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
             continue
         seen.add((status.st_dev, status.st_ino))
         if len(seen) > _MOST_FOLDERS:
-            return None
+            problem = f"more than {_MOST_FOLDERS:,} folders to search"
+            hint = "give the folder that contains your packages"
+            report.error("SHM001", problem, Span(shorten(folder, relative_to)), hint=hint)
+            return []
         if "package.xml" in names or any(_files(here / kind, kind) for kind in SECTIONS if kind in names):
-            package = _package(here, relative_to)
+            package = package_at(here, relative_to)
             if package is not None:
                 packages.append(package)
             continue
@@ -156,7 +153,7 @@ def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
     return packages
 
 
-def _package(root: Path, relative_to: Path) -> Package | None:
+def package_at(root: Path, relative_to: Path) -> Package | None:
     """Return the package in `root`, or None if package.xml and the folder give no valid package name."""
     manifest = _manifest(root)
     name_element = _NAME_IN_XML.search(manifest)
@@ -164,7 +161,7 @@ def _package(root: Path, relative_to: Path) -> Package | None:
     if not _PACKAGE_NAME.fullmatch(name):
         return None
     definitions = [
-        _definition(file, TypeName(name, kind, file.stem), relative_to)
+        definition_of(file, name, kind, relative_to)
         for kind in SECTIONS
         for place in (*_groups(root, bool(manifest)), root)  # if a name occurs twice, the definition in root wins
         for file in _files(place / kind, kind, with_groups=bool(manifest))
@@ -183,12 +180,6 @@ def _groups(root: Path, has_manifest: bool) -> list[Path]:
             groups.append(Path(here))
         folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in SECTIONS)
     return groups
-
-
-def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definition]:
-    """Return the messages of the .msg files that are directly in `folder`, a folder that is not called msg/."""
-    definitions = [_definition(file, TypeName(name, "msg", file.stem), relative_to) for file in _files(folder, "msg")]
-    return {message: definition for definition in definitions for message in definition.messages}
 
 
 def _files(folder: Path, kind: str, *, with_groups: bool = False) -> list[Path]:
@@ -211,11 +202,12 @@ def _files(folder: Path, kind: str, *, with_groups: bool = False) -> list[Path]:
     return [by_stem[stem] for stem in sorted(by_stem)]
 
 
-def _definition(file: Path, name: TypeName, relative_to: Path) -> Definition:
+def definition_of(file: Path, package: str, kind: str, relative_to: Path) -> Definition:
+    """Return the definition in a file of the kind msg, srv or action, which belongs to the package `package`."""
     shortened = shorten(file, relative_to)
     # Generated files print the origin, so the origin must be the same on every machine.
-    origin = shortened if not os.path.isabs(shortened) else f"{name.package}/{name.kind}/{file.name}"
-    return Definition(name, shortened, origin, file)
+    origin = shortened if not os.path.isabs(shortened) else f"{package}/{kind}/{file.name}"
+    return Definition(TypeName(package, kind, file.stem), shortened, origin, file)
 
 
 def shorten(path: Path, relative_to: Path) -> str:
