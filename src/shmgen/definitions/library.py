@@ -10,7 +10,7 @@ from pathlib import Path
 
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Message, TypeName
-from shmgen.definitions import store
+from shmgen.definitions import environment, store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
 from shmgen.definitions.parser import parse
@@ -145,15 +145,11 @@ class Library:
         folders = [shorten(folder, self.sources.relative_to) for folder in self.sources.path]
         if self.sources.source != "env":
             return [*folders, f"built-in store {self.sources.source}"]
-        from shmgen.definitions import environment
-
         return [*folders, *(shorten(place, self.sources.relative_to) for place in environment.places(os.environ))]
 
     def _dialect(self) -> Dialect:
         """Return the default dialect, for packages whose manifest names no build tool."""
         if self.sources.source == "env":
-            from shmgen.definitions import environment
-
             return environment.dialect(os.environ)
         return store.dialect(self.sources.source)
 
@@ -164,8 +160,6 @@ class Library:
         """
         if self.fallback is None:
             if self.sources.source == "env":
-                from shmgen.definitions import environment
-
                 self.fallback = environment.catalogue(os.environ, self.report)
             else:
                 self.fallback = store.catalogue(self.sources.source)
