@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Array, Constant, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
+from shmgen.core.type_hash import FILLER
 from shmgen.definitions import comments, syntax_hints
 from shmgen.definitions.annotations import Annotation, Text, extract_annotations, text_of, to_msg_literal
 from shmgen.definitions.catalogue import SECTIONS, Definition
@@ -96,8 +97,6 @@ _WRAPPER_RULES = {
     "floating_pt_type",
 }
 """Grammar rules that only wrap another rule."""
-_FILLER = "structure_needs_at_least_one_member"
-"""The field that rosidl_adapter adds to a message without fields."""
 _DEEPEST_TYPEDEF = 20
 _ASSIGNED = re.compile(r'\s*=\s*((?:L?"(?:\\.|[^"\\\n])*"\s*)+|[^;"]*)')
 
@@ -170,7 +169,7 @@ def _message(file: _File, struct: Any, report: Report) -> Message:
         for declarator in declarators:
             with _reporting(name, _name(declarator), report):
                 _add(fields, _field(file, member, _name(first), declarator), file.token(_name(declarator)))
-    if list(fields) == [_FILLER]:
+    if list(fields) == [FILLER]:
         fields = {}
     span = Span(file.definition.path) if name == file.definition.name else file.token(_name(struct)).span
     doc, text = _doc(file, _name(struct)), file.text.whole

@@ -16,6 +16,7 @@ from typing import Any, cast
 
 from shmgen.core import cache
 from shmgen.core.model import TypeName
+from shmgen.core.type_hash import FILLER
 from shmgen.definitions.catalogue import Catalogue, Definition, package_of
 from shmgen.definitions.tokens import Dialect
 
@@ -57,8 +58,6 @@ _SERVICES = {
     "std_srvs/srv/Trigger": f"---\n{_ANSWER}",
 }
 """The services of std_srvs, which rosbags lacks. They are the same in all distributions."""
-_FILLER = "structure_needs_at_least_one_member"
-"""The field that rosidl, and therefore rosbags, adds to a message without fields."""
 _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
 """The fields with the defaults of common_interfaces, which rosbags drops. All zeros would not be a rotation."""
 
@@ -83,7 +82,7 @@ def _text(name: str, definition: Any, source: str) -> str:
         return _QUATERNION
     constants, fields = definition
     lines = [f"{type} {constant}={_literal(type, value, source)}\n" for constant, type, value in constants]
-    lines += [f"{_spelled(type, source)} {field}\n" for field, type in fields if field != _FILLER]
+    lines += [f"{_spelled(type, source)} {field}\n" for field, type in fields if field != FILLER]
     return "".join(lines)
 
 

@@ -36,6 +36,7 @@ from shmgen.core.model import (
     text_length,
 )
 from shmgen.core.plural import counted
+from shmgen.core.type_hash import FILLER
 
 SMALLEST_SLOTS = abi.slots_for(1)
 DEEPEST = 50
@@ -172,8 +173,7 @@ def _members(message: Message) -> list[_Member]:
                 members.append((field.name, element, capacity, Role.DATA, field))
             case element:
                 members.append((field.name, element, None, Role.DATA, field))
-    # rosidl uses the same name for the same purpose.
-    return members or [("structure_needs_at_least_one_member", Scalar.UINT8, None, Role.FILLER, None)]
+    return members or [(FILLER, Scalar.UINT8, None, Role.FILLER, None)]
 
 
 def _extent(type_: Element, options: TypeOptions, layouts: Mapping[TypeName, Layout]) -> tuple[int, int]:
