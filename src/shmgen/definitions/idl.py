@@ -34,7 +34,7 @@ def parse(definition: Definition, text: str, report: Report) -> tuple[Message, .
     """
     lines = lines_of(text, definition.path, report)
     try:
-        file = _split(definition, Text.of(lines)) if lines else None
+        file = _split(definition, Text(lines, "\n".join(line.text for line in lines))) if lines else None
         return tuple(_message(file, struct, report) for struct in file.structs) if file else ()
     except DefinitionError as error:
         report.error(error.code, error.message, error.span, hint=error.hint)
@@ -203,8 +203,8 @@ def _constant(file: _File, node: Any) -> Constant:
     assigned = _ASSIGNED.match(file.code, _name(node).start_pos + len(name.text))
     literal = to_msg_literal(assigned[1].strip()) if assigned else ""
     value = _read(name, literal, lambda written: read_constant(written, type_, "ros2"))
-    type_ = String(wide=type_.wide) if isinstance(type_, String) else type_
-    return Constant(name.text, type_, value, name.span, _doc(file, _name(node)))
+    unbounded = String(wide=type_.wide) if isinstance(type_, String) else type_
+    return Constant(name.text, unbounded, value, name.span, _doc(file, _name(node)))
 
 
 def _field(file: _File, member: Any, first: Any, declarator: Any) -> Field:
