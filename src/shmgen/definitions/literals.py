@@ -46,15 +46,13 @@ def read_default(rest: Token, type: FieldType) -> tuple[Default, Token]:
     return tuple(_value(element, type.element) for element in elements), rest.part(listed.end())
 
 
-def read_constant(rest: Token, type: FieldType, dialect: Dialect) -> tuple[Value, Token]:
+def read_constant(rest: Token, type: Scalar | String, dialect: Dialect) -> tuple[Value, Token]:
     """Parse the value of a constant. Return the value, and the text after the value.
 
     Raises DefinitionError (SHM003, SHM005 or SHM006) if the value is invalid.
     """
     if dialect == "ros1" and isinstance(type, String):
         return rest.text, rest.part(len(rest.text))  # the rest of the line, with quotes and `#`
-    if isinstance(type, Array | Sequence):
-        raise rest.error("SHM006", "a constant must be a single number, bool or string")
     return _single_value(rest, type)
 
 
