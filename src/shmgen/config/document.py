@@ -233,9 +233,9 @@ def _syntax_hint(line: str, error: Exception) -> str:
 
 
 def _toml_error_span(shown_path: str, text: str, error: Exception) -> Span:
-    if not re.search(_AT, str(error)):
+    place = re.search(_AT, str(error))
+    if not place:
         return Span(shown_path)
     lines = text.split("\n")
-    place = re.search(_AT, str(error))
-    line, column = (int(place[1]), int(place[2])) if place and place[1] else (len(lines), len(lines[-1]) + 1)
+    line, column = (int(place[1]), int(place[2])) if place[1] else (len(lines), len(lines[-1]) + 1)
     return Span(shown_path, line, column, 1, lines[line - 1].rstrip("\r") if line <= len(lines) else "")

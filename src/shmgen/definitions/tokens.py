@@ -35,10 +35,8 @@ class Line(NamedTuple):
 
         The diagnostic shows the line, except if the line is too long or has unprintable characters.
         """
-        text = self.text if len(self.text) <= _LONGEST_LINE_SHOWN else ""
-        if not text.isprintable():
-            text = text if text.replace("\t", " ").isprintable() else ""
-        return Span(self.path, self.number, start + 1, width, text)
+        is_shown = len(self.text) <= _LONGEST_LINE_SHOWN and self.text.replace("\t", " ").isprintable()
+        return Span(self.path, self.number, start + 1, width, self.text if is_shown else "")
 
 
 class Token(NamedTuple):
