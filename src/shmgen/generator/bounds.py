@@ -9,7 +9,6 @@ from shmgen.config.entries import Bound, Bounds
 from shmgen.core.diagnostics import Report, closest
 from shmgen.core.model import (
     Array,
-    Element,
     Field,
     FieldType,
     Message,
@@ -110,31 +109,26 @@ def defaulted(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]
 
 
 def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
-    def element(type_: Element) -> Element:
-        if isinstance(type_, String) and type_.capacity is None:
-            configured = _most_specific(bounds.strings, message, field.name)
-            return replace(type_, capacity=configured.value if configured else bounds.default_string)
-        return type_
-
+    element = element_of(field.type)
+    if isinstance(element, String) and element.capacity is None:
+        capacity = _most_specific(bounds.strings, message, field.name, bounds.default_string)
+        element = replace(element, capacity=capacity)
     bounded: FieldType
     match field.type:
-        case Array(inner, length):
-            bounded = Array(element(inner), length)
-        case Sequence(inner, None):
-            configured = _most_specific(bounds.sequences, message, field.name)
-            bounded = Sequence(element(inner), configured.value if configured else bounds.default_sequence)
-        case Sequence(inner, capacity):
-            bounded = Sequence(element(inner), capacity)
-        case inner:
-            bounded = element(inner)
+        case Array(_, length):
+            bounded = Array(element, length)
+        case Sequence(_, None):
+            bounded = Sequence(element, _most_specific(bounds.sequences, message, field.name, bounds.default_sequence))
+        case Sequence(_, capacity):
+            bounded = Sequence(element, capacity)
+        case _:
+            bounded = element
     return field if bounded == field.type else field._replace(type=bounded, sent=field.sent or field.type)
 
 
-def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) -> Bound | None:
-    for key in (f"{message.short}.{field}", message.short, message.package):
-        if key in table:
-            return table[key]
-    return None
+def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str, default: int | None) -> int | None:
+    keys = (f"{message.short}.{field}", message.short, message.package)
+    return next((table[key].value for key in keys if key in table), default)
 
 
 def _check_keys(schema: Schema, bounds: Bounds, in_reach: Callable[[], Iterable[TypeName]], report: Report) -> None:
