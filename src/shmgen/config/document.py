@@ -146,7 +146,7 @@ def quoted(text: str, shown_path: str, words: Collection[str]) -> dict[str, Span
             break
         for match in _QUOTED.finditer(line):
             if match[1] in words:
-                places.setdefault(match[1], _span(shown_path, number, line, match.start(1), match.end(1)))
+                places.setdefault(match[1], _span(shown_path, number, match, 1))
     return places
 
 
@@ -169,19 +169,16 @@ def _positions(text: str, prefix: str, shown_path: str) -> dict[tuple[str, str],
             if header[1] == "[[":
                 entries[section] += 1
                 section = f"{section}.{entries[section] - 1}"
-            positions.setdefault(
-                ("", section.partition(".")[0]), _span(shown_path, number, line, header.start(2), header.end(2))
-            )
-            positions.setdefault((section, ""), _span(shown_path, number, line, header.start(2), header.end(2)))
+            place = _span(shown_path, number, header, 2)
+            positions.setdefault(("", section.partition(".")[0]), place)
+            positions.setdefault((section, ""), place)
         elif key := _KEY.match(line):
-            positions.setdefault(
-                (section, key[1].strip("\"'")), _span(shown_path, number, line, key.start(1), key.end(1))
-            )
+            positions.setdefault((section, key[1].strip("\"'")), _span(shown_path, number, key, 1))
     return positions
 
 
-def _span(shown_path: str, number: int, line: str, start: int, end: int) -> Span:
-    return Span(shown_path, number, start + 1, end - start, line.rstrip("\r"))
+def _span(shown_path: str, number: int, match: re.Match[str], group: int) -> Span:
+    return Span(shown_path, number, match.start(group) + 1, len(match[group]), match.string.rstrip("\r"))
 
 
 def contents(path: Path, shown_path: str, report: Report, hint: str) -> str:
