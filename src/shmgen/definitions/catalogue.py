@@ -6,7 +6,6 @@ Folders, a sourced ROS and the built-in store are all searched for such packages
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -40,8 +39,7 @@ class Definition(NamedTuple):
         return tuple(self.name.part(ending) for ending in (*SECTIONS[self.name.kind], *WRAPPERS[self.name.kind]))
 
 
-@dataclass(frozen=True, slots=True)
-class Package:
+class Package(NamedTuple):
     """A package of definitions. `place` is the path of its folder or the name of its store, for diagnostics.
 
     `definitions` maps the name of each message to the definition that contains the message. `dialect` is None if the
@@ -50,7 +48,7 @@ class Package:
 
     name: str
     place: str
-    definitions: Mapping[TypeName, Definition] = field(hash=False)
+    definitions: Mapping[TypeName, Definition]
     dialect: Dialect | None = None
 
 

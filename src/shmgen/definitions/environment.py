@@ -120,4 +120,4 @@ def _installed(package: Package, dialect: Dialect) -> Package:
     """
     mark = f" of ROS {dialect[-1]}"
     definitions = {name: one._replace(origin=one.origin + mark) for name, one in package.definitions.items()}
-    return Package(package.name, package.place, definitions, dialect)
+    return package._replace(definitions=definitions, dialect=dialect)

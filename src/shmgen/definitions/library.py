@@ -82,8 +82,7 @@ class Library:
             places = f"{before.place} and {package.place}"
             hint = "generate from one file at a time, or rename one of the folders"
             self.report.error("SHM505", f"package {package.name} is in {places}", Span(package.place), hint=hint)
-        merged = {**before.definitions, **package.definitions}
-        self.explicit[package.name] = Package(package.name, package.place, merged, package.dialect)
+        self.explicit[package.name] = package._replace(definitions={**before.definitions, **package.definitions})
 
     def message(self, name: TypeName) -> Message | None:
         """Read and return the message `name`, for which definition() must not return None.
