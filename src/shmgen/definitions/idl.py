@@ -35,7 +35,7 @@ def parse(definition: Definition, text: str, report: Report) -> tuple[Message, .
     lines = lines_of(text, definition.path, report)
     try:
         file = _split(definition, Text(lines, "\n".join(line.text for line in lines))) if lines else None
-        return tuple(_message(file, struct, report) for struct in file.structs) if file else ()
+        return tuple(_message(file, struct, report) for struct in _expected_structs(file)) if file else ()
     except DefinitionError as error:
         report.error(error.code, error.message, error.span, hint=error.hint)
         return ()
@@ -44,9 +44,9 @@ def parse(definition: Definition, text: str, report: Report) -> tuple[Message, .
 class _File(NamedTuple):
     """An .idl file with its declarations, as nodes of the syntax tree.
 
-    `typedefs` maps a name to its type and declarator. `constants` maps the name of a module to its constants. `code` is
-    the text without annotations. The annotations of a declaration are in `noted`, under the position of the declared
-    name.
+    `typedefs` maps a name to its type and declarator. `constants` maps the name of a module to its constants. `structs`
+    maps a name to the names of the modules around the structure, and the structure. `code` is the text without
+    annotations. The annotations of a declaration are in `noted`, under the position of the declared name.
     """
 
     definition: Definition
@@ -55,7 +55,7 @@ class _File(NamedTuple):
     noted: Mapping[int, list[Annotation]]
     typedefs: Mapping[str, tuple[Any, Any]]
     constants: Mapping[str, list[Any]]
-    structs: list[Any]
+    structs: Mapping[str, tuple[tuple[str, ...], Any]]
     enums: set[str]
 
     @property
@@ -123,9 +123,7 @@ def _split(definition: Definition, text: Text) -> _File:
     noted: dict[int, list[Annotation]] = {}
     for annotation in annotations:
         noted.setdefault(places[bisect(places, annotation.start)], []).append(annotation)
-    file = _File(definition, text, code, noted, typedefs, constants, [], enums)
-    file.structs.extend(_expected_structs(file, structs))
-    return file
+    return _File(definition, text, code, noted, typedefs, constants, structs, enums)
 
 
 def _declarations(tree: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -140,21 +138,21 @@ def _declarations(tree: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
             waiting += [(around, inner) for inner in reversed(list(_nodes(node)))]
 
 
-def _expected_structs(file: _File, structs: Mapping[str, tuple[tuple[str, ...], Any]]) -> Iterator[Any]:
-    """Yield the structures that the file must contain, in order.
+def _expected_structs(file: _File) -> list[Any]:
+    """Return the structures that the file must contain, in order.
 
     Raises DefinitionError (SHM003) if a structure is missing or the file contains another structure.
     """
     (package, kind, name), expected = file.definition.name, file.expected
-    for struct, (modules, node) in structs.items():
+    for struct, (modules, node) in file.structs.items():
         if struct not in expected or modules != (package, kind):
             is_called = "::".join((*modules, struct))
             hint = f"declare only {' and '.join(f'{package}::{kind}::{one}' for one in expected)} in {kind}/{name}.idl"
             raise file.token(_name(node)).error("SHM003", f"unexpected structure {quote(is_called)}", hint)
     for struct in expected:
-        if struct not in structs:
+        if struct not in file.structs:
             raise file.text.token(0, "").error("SHM003", f"the structure {quote(struct)} is missing")
-        yield structs[struct][1]
+    return [file.structs[struct][1] for struct in expected]
 
 
 def _message(file: _File, struct: Any, report: Report) -> Message:
