@@ -55,18 +55,14 @@ class Reader:
 
     def _known(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
         place = f" in [{section.partition('.')[0]}]" if section else ""
-        for name in data:
-            if name not in allowed:
-                close = closest(name, allowed)
-                hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
-                is_header = close in keys.SECTIONS and isinstance(data[name], dict | list)
-                if (
-                    not section
-                    and not is_header
-                    and (home := next((key for key in keys.KEYS if key.name == name), None))
-                ):
-                    hint = f"move it under {keys.header(home.section)}"
-                self.report.error("SHM501", f"unknown key {name}{place}", self.span(section, name), hint=hint)
+        for name in (name for name in data if name not in allowed):
+            close = closest(name, allowed)
+            hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
+            is_header = close in keys.SECTIONS and isinstance(data[name], dict | list)
+            home = next((key.section for key in keys.KEYS if key.name == name), "")
+            if home and not section and not is_header:
+                hint = f"move it under {keys.header(home)}"
+            self.report.error("SHM501", f"unknown key {name}{place}", self.span(section, name), hint=hint)
 
     def table(self, data: dict[str, Any], key: str, header: str = "") -> dict[str, Any]:
         value = data.get(key, {})

@@ -83,28 +83,26 @@ def read(definition: Definition, report: Report) -> str | None:
     """
     if isinstance(definition.content, str):
         return definition.content
-    nowhere = Span(definition.path)
+    problem, data = "", b""
     try:
-        if not definition.content.is_file():
-            what = "not a file" if definition.content.exists() else "no such file"
-            report.error("SHM001", what, nowhere)
-            return None
-        with definition.content.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+        if definition.content.is_file():
+            with definition.content.open("rb") as file:
+                data = file.read(LARGEST_FILE + 1)
+        else:
+            problem = "not a file" if definition.content.exists() else "no such file"
     except OSError as error:
-        report.error("SHM001", f"cannot read: {error.strerror}", nowhere)
-        return None
+        problem = f"cannot read: {error.strerror}"
     if len(data) > LARGEST_FILE:
-        report.error("SHM001", f"larger than {LARGEST_FILE // 1024} KiB, the limit of a definition", nowhere)
+        problem = f"larger than {LARGEST_FILE // 1024} KiB, the limit of a definition"
+    if problem:
+        report.error("SHM001", problem, Span(definition.path))
         return None
     try:
         return data.decode().removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
     except UnicodeDecodeError as error:
         before = data[: error.start].decode()
-        line = before.count("\n") + 1
-        column = len(before) - before.rfind("\n")
-        culprit = f"byte 0x{data[error.start]:02X} is not UTF-8"
-        report.error("SHM002", culprit, Span(definition.path, line, column, 1), hint="save the file as UTF-8")
+        place = Span(definition.path, before.count("\n") + 1, len(before) - before.rfind("\n"), 1)
+        report.error("SHM002", f"byte 0x{data[error.start]:02X} is not UTF-8", place, hint="save the file as UTF-8")
         return None
 
 

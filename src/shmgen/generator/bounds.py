@@ -167,11 +167,8 @@ def _check_owners(
         kind, known = ("message", messages) if slash and package in packages else ("package", {*packages, *at_hand})
         name = owner if kind == "message" else package
         close = closest(name, known, 0.8)
-        hint = (
-            f"did you mean {close}?"
-            if close
-            else f"`shmgen list{f' {package}' if slash else ''}` prints the known names"
-        )
+        command = f"shmgen list {package}" if slash else "shmgen list"
+        hint = f"did you mean {close}?" if close else f"`{command}` prints the known names"
         report.error("SHM502", f"unknown {kind} {name}", bound.span, hint=hint)
 
 
