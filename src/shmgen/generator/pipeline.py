@@ -17,6 +17,7 @@ from shmgen.core.diagnostics import Diagnostic, Report
 from shmgen.core.model import Layouts, Output, Schema, TypeName, TypeOptions
 from shmgen.drift import lockfile
 from shmgen.generator import bounds, layout, resolve
+from shmgen.generator.render import render
 from shmgen.targets import TARGETS, Job, Options, RenderedFile, Target, naming
 
 
@@ -110,9 +111,6 @@ def render_targets(targets: Sequence[Target], keys: Sequence[str], job: Job, rep
         ready = [target for target in waiting if rendered.keys() >= set(target.after)]
         planned = {target.key: _planned(target, waiting, replace(job, rendered=rendered), report) for target in ready}
         report.stop_if_any()
-
-        from shmgen.generator.render import render  # jinja2 takes longer to load than all steps before
-
         texts = render(output for outputs in planned.values() for output in outputs)
         for key, outputs in planned.items():
             rendered[key] = tuple(RenderedFile(output, texts[output.path]) for output in outputs)

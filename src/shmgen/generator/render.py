@@ -51,9 +51,8 @@ def _compiled_templates(templates: Path) -> Any:
     name = f"templates-{hashlib.sha256(repr((sys.version, states)).encode()).hexdigest()[:16]}"
     bytecode = cache.read(name)
     if bytecode is None:
-        from shmgen.generator.templates import (
-            compile_templates,  # jinja2 takes longer to load than generating a message
-        )
+        # Imported here, because jinja2 takes longer to load than generating a message.
+        from shmgen.generator.templates import compile_templates
 
         bytecode = marshal.dumps(compile(compile_templates(templates), str(templates), "exec"))
         cache.write(name, bytecode)
