@@ -176,26 +176,18 @@ def _check_field_key(message: Message, name: str, section: str, bound: Bound, re
     field = next((field for field in message.fields if field.name == name), None)
     if field is None:
         close = closest(name, [field.name for field in message.fields])
-        report.error(
-            "SHM502",
-            f"{message.name.short} has no field {name}",
-            bound.span,
-            hint=f"did you mean {close}?" if close else f"`shmgen show {message.name.short}` lists its fields",
-        )
-    elif section == "bounds" and not isinstance(field.type, Sequence):
-        report.error("SHM502", f"{message.name.short}.{name} is not a sequence but {field.written}", bound.span)
-    elif section == "strings" and not isinstance(element_of(field.type), String):
-        report.error("SHM502", f"{message.name.short}.{name} is not a string but {field.written}", bound.span)
-    else:
-        bounded = field.type if section == "bounds" else element_of(field.type)
-        assert isinstance(bounded, Sequence | String)
-        if bounded.capacity is not None and bounded.capacity != bound.value:
-            report.error(
-                "SHM103",
-                f"{message.name.short}.{name} is bounded to {bounded.capacity} by its definition ({field.written})",
-                bound.span,
-                hint="remove this line, or change the definition",
-            )
+        hint = f"did you mean {close}?" if close else f"`shmgen show {message.name.short}` lists its fields"
+        report.error("SHM502", f"{message.name.short} has no field {name}", bound.span, hint=hint)
+        return
+    path = f"{message.name.short}.{name}"
+    bounded = field.type if section == "bounds" else element_of(field.type)
+    expected: type[Sequence | String] = Sequence if section == "bounds" else String
+    noun = "sequence" if section == "bounds" else "string"
+    if not isinstance(bounded, expected):
+        report.error("SHM502", f"{path} is not a {noun} but {field.written}", bound.span)
+    elif bounded.capacity not in (None, bound.value):
+        problem = f"{path} is bounded to {bounded.capacity} by its definition ({field.written})"
+        report.error("SHM103", problem, bound.span, hint="remove this line, or change the definition")
 
 
 def _paths(schema: Schema) -> dict[TypeName, str]:
