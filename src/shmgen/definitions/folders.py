@@ -32,21 +32,25 @@ def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
     return packages_by_name
 
 
-def package_around(file: Path, relative_to: Path) -> Package | None:
-    """Return the package that contains a definition file. If no package contains the file, its folder is the package.
+def package_around(file: Path, relative_to: Path) -> tuple[Package, Definition] | None:
+    """Return the package that contains a definition file, and the definition in the file.
 
-    Return None if the package or the folder has no valid package name.
+    If no package contains the file, its folder is the package. The folder also decides the kind of an .idl file; msg is
+    the default. Return None if the package or the folder has no valid package name.
     """
     folder = Path(os.path.abspath(file)).parent
-    kind = kind_of(file)
     section = _section(folder)
+    kind = file.suffix.removeprefix(".")
+    if kind == "idl":
+        kind = section.name if section else "msg"
     package = package_at(_root(section.parent) if section else folder, relative_to)
     if package is None:
         return None
     siblings = () if section else _files(folder, "msg")
     definitions = [definition_of(sibling, package.name, "msg", relative_to) for sibling in siblings]
-    definitions += [*package.definitions.values(), definition_of(file, package.name, kind, relative_to)]
-    return package_of(package.name, package.place, definitions, package.dialect)
+    definition = definition_of(file, package.name, kind, relative_to)
+    definitions += [*package.definitions.values(), definition]
+    return package_of(package.name, package.place, definitions, package.dialect), definition
 
 
 def _section(folder: Path) -> Path | None:
@@ -68,12 +72,6 @@ def _root(folder: Path) -> Path:
 
 
 _DEEPEST_GROUP = 3
-
-
-def kind_of(file: Path) -> str:
-    """Return msg, srv or action. The folder decides the kind of an .idl file; msg is the default."""
-    section = _section(Path(os.path.abspath(file)).parent)
-    return (section.name if section else "msg") if file.suffix == ".idl" else file.suffix.removeprefix(".")
 
 
 def read(definition: Definition, report: Report) -> str | None:
