@@ -16,7 +16,8 @@ from rosbags.typesys import get_types_from_msg
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import TypeName
 from shmgen.definitions import store
-from shmgen.definitions.parser import Source, parse
+from shmgen.definitions.catalogue import Definition
+from shmgen.definitions.parser import parse
 
 RUNS = 5
 
@@ -27,7 +28,7 @@ def main() -> None:
     for _ in range(RUNS):
         start = time.process_time()
         for name, text, distribution in definitions:
-            parse(Source(name, text, "", ""), store.dialect(distribution), Report())
+            parse(Definition(name, "", "", text), text, store.dialect(distribution), Report())
         middle = time.process_time()
         for name, text, _ in definitions:
             get_types_from_msg(text, str(name))

@@ -26,7 +26,7 @@ from shmgen.core.diagnostics import Diagnostic, Rejected, Report
 from shmgen.core.model import Layouts, Schema, TypeName
 from shmgen.core.toml import dumps
 from shmgen.definitions import store
-from shmgen.definitions.parser import SECTIONS
+from shmgen.definitions.catalogue import SECTIONS
 from shmgen.generator import bounds, pipeline
 from shmgen.generator.render import render
 from shmgen.show import memory_map, table

@@ -10,8 +10,7 @@ import pytest
 
 from shmgen.bridge.common.arguments import parse, with_parameters
 from shmgen.config import Config
-from shmgen.config.bridging import TransferOptions
-from shmgen.config.entries import TopicEntry
+from shmgen.config.entries import TopicEntry, TransferOptions
 from shmgen.core.diagnostics import Span
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from shmgen.config.bridging import Bridge, TransferOptions
+from shmgen.config.entries import TransferOptions
+from shmgen.config.file import Bridge
 
 from .test_file import load, load_errors
 

@@ -11,7 +11,7 @@ import pytest
 from shmgen import config
 from shmgen.config import Config
 from shmgen.config.entries import Bound
-from shmgen.config.file import ActionEntry, ServiceEntry, TopicEntry
+from shmgen.config.file import CallEntry, TopicEntry
 from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
 from shmgen.core.model import Regions, TypeOptions
 
@@ -92,10 +92,10 @@ def test_services_and_actions_are_loaded(tmp_path: Path) -> None:
     text += '[[services]]\nservice = "/c"\ntype = "std_srvs/Trigger"\nserver = "ros"\ntimeout = 3\n'
     loaded = load(tmp_path, text)
     assert loaded.services == (
-        ServiceEntry("/a", "std_srvs/SetBool", "plc", 1.0, Span("shmgen.toml", 2, 1, 7, 'service = "/a"')),
-        ServiceEntry("/c", "std_srvs/Trigger", "ros", 3.0, Span("shmgen.toml", 8, 1, 7, 'service = "/c"')),
+        CallEntry("/a", "std_srvs/SetBool", "plc", 1.0, Span("shmgen.toml", 2, 1, 7, 'service = "/a"')),
+        CallEntry("/c", "std_srvs/Trigger", "ros", 3.0, Span("shmgen.toml", 8, 1, 7, 'service = "/c"')),
     )
-    assert loaded.actions == (ActionEntry("/b", "arm/Move", "plc", 1.0, Span("shmgen.toml", 5, 1, 6, 'action = "/b"')),)
+    assert loaded.actions == (CallEntry("/b", "arm/Move", "plc", 1.0, Span("shmgen.toml", 5, 1, 6, 'action = "/b"')),)
     assert loaded.types_used == ("std_srvs/SetBool", "std_srvs/Trigger", "arm/Move")
 
 

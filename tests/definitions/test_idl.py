@@ -28,7 +28,7 @@ from shmgen.core.model import (
     TypeOptions,
 )
 from shmgen.definitions import Sources, idl, load, rosidl
-from shmgen.definitions.parser import Source
+from shmgen.definitions.catalogue import Definition
 from shmgen.generator import bounds, layout
 from tests.definitions import references
 from tests.definitions.test_requests import load_folder, names, write
@@ -42,7 +42,7 @@ needs_rosidl = pytest.mark.skipif(
 
 def read(text: str, kind: str = "msg") -> tuple[tuple[Message, ...], list[str]]:
     report = Report()
-    messages = idl.parse(Source(TypeName("a_msgs", kind, "Foo"), text, "Foo.idl", "here"), report)
+    messages = idl.parse(Definition(TypeName("a_msgs", kind, "Foo"), "Foo.idl", "here", text), text, report)
     return messages, [str(finding) for finding in report.diagnostics]
 
 

@@ -8,13 +8,13 @@ import pytest
 
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Array, Clock, Constant, Field, Message, Ref, Scalar, Sequence, String, TypeName
-from shmgen.definitions.parser import Source, parse
+from shmgen.definitions import catalogue, parser
 
 
 def read(text: str, dialect: str = "ros2", kind: str = "msg") -> tuple[list[Message], list]:
     report = Report()
-    source = Source(TypeName("demo_msgs", kind, "Foo"), text, f"Foo.{kind}", "demo")
-    return list(parse(source, dialect, report)), report.diagnostics
+    definition = catalogue.Definition(TypeName("demo_msgs", kind, "Foo"), f"Foo.{kind}", "demo", text)
+    return list(parser.parse(definition, text, dialect, report)), report.diagnostics
 
 
 def read_message(text: str, dialect: str = "ros2") -> Message:

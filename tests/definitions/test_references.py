@@ -9,7 +9,7 @@ import pytest
 
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import TypeName
-from shmgen.definitions.parser import Source, parse
+from shmgen.definitions import catalogue, parser
 from shmgen.definitions.tokens import Dialect
 from tests.conftest import SHARED
 from tests.definitions import references
@@ -89,7 +89,7 @@ def read_with_shmgen(definition: Definition, dialect: Dialect) -> tuple[Answer, 
     """Return the messages that shmgen reads, or a refusal, and the texts of the parts."""
     report = Report()
     name = TypeName(definition.package, definition.kind, definition.name)
-    messages = parse(Source(name, definition.text, "", ""), dialect, report)
+    messages = parser.parse(catalogue.Definition(name, "", "", definition.text), definition.text, dialect, report)
     user_written = {name.name + ending for ending in references.ENDINGS[name.kind]}
     messages = tuple(message for message in messages if message.name.name in user_written)
     texts = [message.text for message in messages]

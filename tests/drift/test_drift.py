@@ -11,7 +11,7 @@ import pytest
 
 from shmgen.config import Config
 from shmgen.config.entries import Bounds
-from shmgen.config.file import ServiceEntry, TopicEntry
+from shmgen.config.file import CallEntry, TopicEntry
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import TypeOptions
 from shmgen.drift import lockfile
@@ -154,7 +154,7 @@ SETTINGS = {
 def test_service_moved_to_the_other_side_is_breaking(tmp_path: Path) -> None:
     (tmp_path / "demo_msgs" / "srv").mkdir(parents=True)
     (tmp_path / "demo_msgs" / "srv" / "Go.srv").write_text("bool there\n---\n")
-    plc, ros = (ServiceEntry("/go", "demo_msgs/Go", server, 1.0, Span("")) for server in ("plc", "ros"))
+    plc, ros = (CallEntry("/go", "demo_msgs/Go", server, 1.0, Span("")) for server in ("plc", "ros"))
     old, new, none = (lock(tmp_path, MESSAGES, services=services) for services in ((plc,), (ros,), ()))
     (finding,) = compare(old, new, "layout.lock")
     assert finding.severity.name == "BREAKING"

@@ -55,18 +55,14 @@ class Reader:
 
     def _known(self, section: str, data: dict[str, Any], allowed: tuple[str, ...]) -> None:
         place = f" in [{section.partition('.')[0]}]" if section else ""
-        for name in data:
-            if name not in allowed:
-                close = closest(name, allowed)
-                hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
-                is_header = close in keys.SECTIONS and isinstance(data[name], dict | list)
-                if (
-                    not section
-                    and not is_header
-                    and (home := next((key for key in keys.KEYS if key.name == name), None))
-                ):
-                    hint = f"move it under {keys.header(home.section)}"
-                self.report.error("SHM501", f"unknown key {name}{place}", self.span(section, name), hint=hint)
+        for name in (name for name in data if name not in allowed):
+            close = closest(name, allowed)
+            hint = f"did you mean {close}?" if close else f"known keys{place}: {', '.join(allowed)}"
+            is_header = close in keys.SECTIONS and isinstance(data[name], dict | list)
+            home = next((key.section for key in keys.KEYS if key.name == name), "")
+            if home and not section and not is_header:
+                hint = f"move it under {keys.header(home)}"
+            self.report.error("SHM501", f"unknown key {name}{place}", self.span(section, name), hint=hint)
 
     def table(self, data: dict[str, Any], key: str, header: str = "") -> dict[str, Any]:
         value = data.get(key, {})
@@ -137,10 +133,6 @@ class Reader:
         places = ((section, key), (f"{section}.{key}".lstrip("."), ""), (section, ""), ("", section))
         return next((self.positions[place] for place in places if place in self.positions), self.file)
 
-    def quoted(self, words: Collection[str]) -> dict[str, Span]:
-        """Map each word of `words` that the document contains in quotes to the position of its first occurrence."""
-        return quoted(self.text, self.file.path, words)
-
 
 def quoted(text: str, shown_path: str, words: Collection[str]) -> dict[str, Span]:
     """Map each word of `words` that a TOML document contains in quotes to the position of its first occurrence."""
@@ -150,7 +142,7 @@ def quoted(text: str, shown_path: str, words: Collection[str]) -> dict[str, Span
             break
         for match in _QUOTED.finditer(line):
             if match[1] in words:
-                places.setdefault(match[1], _span(shown_path, number, line, match.start(1), match.end(1)))
+                places.setdefault(match[1], _span(shown_path, number, match, 1))
     return places
 
 
@@ -173,19 +165,16 @@ def _positions(text: str, prefix: str, shown_path: str) -> dict[tuple[str, str],
             if header[1] == "[[":
                 entries[section] += 1
                 section = f"{section}.{entries[section] - 1}"
-            positions.setdefault(
-                ("", section.partition(".")[0]), _span(shown_path, number, line, header.start(2), header.end(2))
-            )
-            positions.setdefault((section, ""), _span(shown_path, number, line, header.start(2), header.end(2)))
+            place = _span(shown_path, number, header, 2)
+            positions.setdefault(("", section.partition(".")[0]), place)
+            positions.setdefault((section, ""), place)
         elif key := _KEY.match(line):
-            positions.setdefault(
-                (section, key[1].strip("\"'")), _span(shown_path, number, line, key.start(1), key.end(1))
-            )
+            positions.setdefault((section, key[1].strip("\"'")), _span(shown_path, number, key, 1))
     return positions
 
 
-def _span(shown_path: str, number: int, line: str, start: int, end: int) -> Span:
-    return Span(shown_path, number, start + 1, end - start, line.rstrip("\r"))
+def _span(shown_path: str, number: int, match: re.Match[str], group: int) -> Span:
+    return Span(shown_path, number, match.start(group) + 1, len(match[group]), match.string.rstrip("\r"))
 
 
 def contents(path: Path, shown_path: str, report: Report, hint: str) -> str:
@@ -237,9 +226,9 @@ def _syntax_hint(line: str, error: Exception) -> str:
 
 
 def _toml_error_span(shown_path: str, text: str, error: Exception) -> Span:
-    if not re.search(_AT, str(error)):
+    place = re.search(_AT, str(error))
+    if not place:
         return Span(shown_path)
     lines = text.split("\n")
-    place = re.search(_AT, str(error))
-    line, column = (int(place[1]), int(place[2])) if place and place[1] else (len(lines), len(lines[-1]) + 1)
+    line, column = (int(place[1]), int(place[2])) if place[1] else (len(lines), len(lines[-1]) + 1)
     return Span(shown_path, line, column, 1, lines[line - 1].rstrip("\r") if line <= len(lines) else "")

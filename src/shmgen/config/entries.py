@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from shmgen.config import bridging
-from shmgen.config.bridging import TransferOptions
 from shmgen.config.document import Reader
 from shmgen.core import abi
 from shmgen.core.diagnostics import Span
@@ -38,6 +36,23 @@ class Bounds(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class TransferOptions:
+    """The settings with which the bridge transfers a topic.
+
+    `rate` is in Hz, and None means no limit. `stale` is in seconds, and None means that data never becomes stale.
+    config/keys.py describes each setting.
+    """
+
+    rate: float | None = None
+    qos: Literal["auto", "reliable", "best_effort"] = "auto"
+    latch: bool = False
+    stamp: Literal["now", "keep"] = "now"
+    overflow: Literal["reject", "truncate"] = "reject"
+    stale: float | None = None
+    other_definition: Literal["refuse", "accept"] = "refuse"
+
+
+@dataclass(frozen=True, slots=True)
 class TopicEntry:
     """One `[[topics]]` entry. Slow readers can read the newest `depth` samples. `carried` has the bridge's settings."""
 
@@ -49,20 +64,13 @@ class TopicEntry:
     carried: TransferOptions = field(default_factory=TransferOptions)
 
 
-class ServiceEntry(NamedTuple):
-    """One `[[services]]` entry. `server` is `plc` or `ros`. The bridge waits `timeout` seconds for a response."""
+class CallEntry(NamedTuple):
+    """One `[[services]]` or `[[actions]]` entry. `server` is `plc` or `ros`.
 
-    service: str
-    type: str
-    server: str
-    timeout: float
-    span: Span
+    The bridge waits `timeout` seconds for the response of a service, or until a goal of an action is accepted.
+    """
 
-
-class ActionEntry(NamedTuple):
-    """One `[[actions]]` entry. `server` is `plc` or `ros`. A goal must be accepted within `timeout` seconds."""
-
-    action: str
+    name: str
     type: str
     server: str
     timeout: float
@@ -74,17 +82,11 @@ def topics(read: Reader, data: dict[str, Any]) -> tuple[TopicEntry, ...]:
     return tuple(_topic(read, entry) for entry in _entries(read, data, "topics", abi.MAX_NAME))
 
 
-def services(read: Reader, data: dict[str, Any]) -> tuple[ServiceEntry, ...]:
+def calls(read: Reader, data: dict[str, Any], list_name: str) -> tuple[CallEntry, ...]:
+    """Read all [[services]] or all [[actions]]. Reports invalid entries as SHM501 or SHM502."""
     return tuple(
-        ServiceEntry(entry.name, entry.type, entry.values["server"], entry.values["timeout"], entry.span)
-        for entry in _entries(read, data, "services", abi.MAX_CALL_NAME)
-    )
-
-
-def actions(read: Reader, data: dict[str, Any]) -> tuple[ActionEntry, ...]:
-    return tuple(
-        ActionEntry(entry.name, entry.type, entry.values["server"], entry.values["timeout"], entry.span)
-        for entry in _entries(read, data, "actions", abi.MAX_CALL_NAME)
+        CallEntry(values[list_name.removesuffix("s")], values["type"], values["server"], values["timeout"], span)
+        for _, _, values, span in _entries(read, data, list_name, abi.MAX_CALL_NAME)
     )
 
 
@@ -97,8 +99,6 @@ class _Entry(NamedTuple):
     section: str
     table: dict[str, Any]
     values: dict[str, Any]
-    name: str
-    type: str
     span: Span
 
 
@@ -121,28 +121,28 @@ def _entries(read: Reader, data: dict[str, Any], list_name: str, longest: int) -
         values = read.values(section, table)
         for key in (kind, "type"):
             if key not in table:
-                read.report.error(
-                    "SHM502",
-                    f'{key} is missing: add {key} = "..." to this [[{list_name}]] entry',
-                    read.span(section, ""),
-                )
+                read.wrong(section, "", f'{key} is missing: add {key} = "..." to this [[{list_name}]] entry')
         name, type = str(table.get(kind)), str(table.get("type"))
         if isinstance(table.get(kind), str) and (why := _not_a_name(name, longest)):
             read.wrong(section, kind, f"{kind} {name} {why}")
         if isinstance(table.get("type"), str) and not _MESSAGE.fullmatch(type):
             what = {"topic": "a message", "service": "a service"}.get(kind, "an action")
             read.wrong(section, "type", f"type {type} is not {what}: write package/Name")
-        span = read.span(section, kind)
-        yield _Entry(section, table, values, name, type, span)
+        yield _Entry(section, table, values, read.span(section, kind))
         if name.removeprefix("/") in seen:
-            read.report.error("SHM502", f"{kind} {name} is listed twice", span)
+            read.wrong(section, kind, f"{kind} {name} is listed twice")
         if kind in table:
             seen.add(name.removeprefix("/"))
 
 
 def _topic(read: Reader, entry: _Entry) -> TopicEntry:
-    carried = bridging.transfer_options(read, entry.section, entry.table, entry.values)
-    return TopicEntry(entry.name, entry.type, entry.values["direction"], entry.values["depth"], entry.span, carried)
+    """Return the topic of one `[[topics]]` entry. Reports SHM502 if the direction excludes a setting of the bridge."""
+    values = entry.values
+    for key, towards in (("stamp", "from_plc"), ("overflow", "to_plc"), ("other_definition", "to_plc")):
+        if key in entry.table and values["direction"] != towards:
+            read.wrong(entry.section, key, f'{key} is valid only with direction = "{towards}"')
+    carried = TransferOptions(**{name: values[name] for name in TransferOptions.__match_args__})
+    return TopicEntry(values["topic"], values["type"], values["direction"], values["depth"], entry.span, carried)
 
 
 def _not_a_name(name: str, longest: int) -> str:

@@ -11,15 +11,28 @@ from pathlib import Path
 from typing import Any
 
 from shmgen.config import document, entries
-from shmgen.config.bridging import Bridge
 from shmgen.config.document import Reader
-from shmgen.config.entries import ActionEntry, Bound, Bounds, ServiceEntry, TopicEntry
+from shmgen.config.entries import Bound, Bounds, CallEntry, TopicEntry
 from shmgen.config.keys import BOUND_KEY, LISTS, MAX_REGION, SECTIONS, keys_of
 from shmgen.core.diagnostics import Report, Span, closest
 from shmgen.core.model import Regions, TypeOptions
 from shmgen.targets import USUAL
 
 FILE_NAME = "shmgen.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Bridge:
+    """The table `[bridge]` of shmgen.toml.
+
+    `diagnostics` is the seconds between two messages on /diagnostics, or 0 for no messages. `domain` is the DDS domain.
+    None selects the domain in ROS_DOMAIN_ID.
+    """
+
+    backend: str = "auto"
+    node: str = "shmgen_bridge"
+    diagnostics: float = 1.0
+    domain: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +64,8 @@ class Config:
     types: TypeOptions = field(default_factory=TypeOptions)
     bounds: Bounds = field(default_factory=lambda: Bounds({}, {}))
     topics: tuple[TopicEntry, ...] = ()
-    services: tuple[ServiceEntry, ...] = ()
-    actions: tuple[ActionEntry, ...] = ()
+    services: tuple[CallEntry, ...] = ()
+    actions: tuple[CallEntry, ...] = ()
     regions: Regions = field(default_factory=Regions)
     bridge: Bridge = field(default_factory=Bridge)
     sources: tuple[Path, ...] = ()
@@ -61,7 +74,7 @@ class Config:
     @property
     def types_used(self) -> tuple[str, ...]:
         """The types of topics, services and actions, each once."""
-        entries: tuple[TopicEntry | ServiceEntry | ActionEntry, ...] = (*self.topics, *self.services, *self.actions)
+        entries: tuple[TopicEntry | CallEntry, ...] = (*self.topics, *self.services, *self.actions)
         return tuple(dict.fromkeys(entry.type for entry in entries))
 
 
@@ -95,67 +108,59 @@ def load(path: Path, shown_path: str, report: Report) -> Config:
     """
     prefix = "tool.shmgen" if path.name == "pyproject.toml" else ""
     data, reader = document.read(path, shown_path, prefix, report)
-    config = _Sections(reader).config(data, path.parent)
+    config = _config(reader, data, path.parent)
     report.stop_if_any()
-    return replace(config, places=reader.quoted({*config.messages, *config.types_used, *data.get("path", ())}))
+    words = {*config.messages, *config.types_used, *data.get("path", ())}
+    return replace(config, places=document.quoted(reader.text, shown_path, words))
 
 
-@dataclass(frozen=True, slots=True)
-class _Sections:
-    """Builds a Config from the sections of the file."""
+def _config(read: Reader, data: dict[str, Any], root: Path) -> Config:
+    top = read.values("", data)
+    tables = {name: read.table(data, name) for name in SECTIONS if name not in LISTS}
+    values = {name: read.values(name, table) for name, table in tables.items()}
+    strings, regions = values["strings"], values["regions"]
+    mode = regions["mode"]
+    top["messages"] = tuple(_from(root, message) for message in top["messages"])
+    top["path"] = tuple(root / folder for folder in top["path"])
+    return Config(
+        root,
+        **top,
+        document=data,
+        types=TypeOptions(**values["types"], encoding=strings["encoding"], overflow=strings["overflow"]),
+        bounds=Bounds(
+            strings=_bound_table(read, "strings", tables["strings"]),
+            sequences=_bound_table(read, "bounds", tables["bounds"]),
+            default_string=strings["default"],
+            default_sequence=values["bounds"]["default"],
+        ),
+        topics=entries.topics(read, data),
+        services=entries.calls(read, data, "services"),
+        actions=entries.calls(read, data, "actions"),
+        regions=Regions(int(mode, 8) if mode else None, regions["group"], regions["sync"]),
+        bridge=Bridge(**values["bridge"]),
+        sources=tuple(root / file for file in values["plc"]["sources"]),
+    )
 
-    read: Reader
 
-    def config(self, data: dict[str, Any], root: Path) -> Config:
-        top = self.read.values("", data)
-        tables = {name: self.read.table(data, name) for name in SECTIONS if name not in LISTS}
-        values = {name: self.read.values(name, table) for name, table in tables.items()}
-        strings, regions = values["strings"], values["regions"]
-        mode = regions["mode"]
-        return Config(
-            **top
-            | {
-                "root": root,
-                "messages": tuple(_from(root, message) for message in top["messages"]),
-                "path": tuple(root / folder for folder in top["path"]),
-            },
-            document=data,
-            types=TypeOptions(**values["types"], encoding=strings["encoding"], overflow=strings["overflow"]),
-            bounds=Bounds(
-                strings=self.bound_table("strings", tables["strings"]),
-                sequences=self.bound_table("bounds", tables["bounds"]),
-                default_string=strings["default"],
-                default_sequence=values["bounds"]["default"],
-            ),
-            topics=entries.topics(self.read, data),
-            services=entries.services(self.read, data),
-            actions=entries.actions(self.read, data),
-            regions=Regions(int(mode, 8) if mode else None, regions["group"], regions["sync"]),
-            bridge=Bridge(**values["bridge"]),
-            sources=tuple(root / file for file in values["plc"]["sources"]),
-        )
-
-    def bound_table(self, section: str, data: dict[str, Any]) -> dict[str, Bound]:
-        options, table = tuple(key.name for key in keys_of(section)), dict[str, Bound]()
-        for key in data:
-            if key in options:
-                continue
-            close = closest(key, options, 0.8)
-            if isinstance(data[key], dict | list):
-                hint = 'put a key with a slash or a dot in quotes: "package/Message.field" = 8'
-                if isinstance(data[key], list):
-                    hint = f"put a key of the whole file above the first table: move it above [{section}]"
-                self.read.wrong(section, key, f"{key} must be a number", hint)
-            elif close or not re.fullmatch(BOUND_KEY, key):
-                hint = 'write "package/Message.field", "package/Message" or "package"'
-                hint += f", or one of {', '.join(options)}"
-                hint = f"did you mean {close}?" if close else hint
-                self.read.report.error(
-                    "SHM501", f"unknown key {key} in [{section}]", self.read.span(section, key), hint=hint
-                )
-            else:
-                table[key] = Bound(self.read.number(section, key, data), self.read.span(section, key))
-        return table
+def _bound_table(read: Reader, section: str, data: dict[str, Any]) -> dict[str, Bound]:
+    options, table = tuple(key.name for key in keys_of(section)), dict[str, Bound]()
+    for key in data:
+        if key in options:
+            continue
+        close = closest(key, options, 0.8)
+        if isinstance(data[key], dict | list):
+            hint = 'put a key with a slash or a dot in quotes: "package/Message.field" = 8'
+            if isinstance(data[key], list):
+                hint = f"put a key of the whole file above the first table: move it above [{section}]"
+            read.wrong(section, key, f"{key} must be a number", hint)
+        elif close or not re.fullmatch(BOUND_KEY, key):
+            hint = 'write "package/Message.field", "package/Message" or "package"'
+            hint += f", or one of {', '.join(options)}"
+            hint = f"did you mean {close}?" if close else hint
+            read.report.error("SHM501", f"unknown key {key} in [{section}]", read.span(section, key), hint=hint)
+        else:
+            table[key] = Bound(read.number(section, key, data), read.span(section, key))
+    return table
 
 
 def _from(root: Path, message: str) -> str:

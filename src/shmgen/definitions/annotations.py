@@ -7,9 +7,7 @@ rosidl_parser would spend most of its time on annotations.
 from __future__ import annotations
 
 import re
-from bisect import bisect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from shmgen.definitions.tokens import Line, Token
@@ -26,27 +24,18 @@ class Annotation(NamedTuple):
     values: Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
+class Text(NamedTuple):
     """The text of an .idl file, which converts a position in the whole text to a line and a column.
 
-    A position counts characters from the beginning of the text. `starts` has the position of each line.
+    A position counts characters from the beginning of the text.
     """
 
     lines: Sequence[Line]
-    starts: Sequence[int]
     whole: str
 
-    @classmethod
-    def of(cls, lines: Sequence[Line]) -> Text:
-        starts = [0]
-        for line in lines[:-1]:
-            starts.append(starts[-1] + len(line.text) + 1)
-        return cls(lines, starts, "\n".join(line.text for line in lines))
-
     def token(self, start: int, word: str) -> Token:
-        number = bisect(self.starts, start) - 1
-        return Token(self.lines[number], start - self.starts[number], word)
+        line = self.lines[self.whole.count("\n", 0, start)]
+        return Token(line, start - self.whole.rfind("\n", 0, start) - 1, word)
 
 
 def extract_annotations(source: Text) -> tuple[str, list[Annotation]]:

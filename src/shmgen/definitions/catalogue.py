@@ -6,20 +6,23 @@ Folders, a sourced ROS and the built-in store are all searched for such packages
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 from shmgen.core.model import TypeName
-from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import Dialect
-from shmgen.definitions.wrappers import WRAPPERS
+
+SECTIONS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
+"""Kind of file -> the endings of its messages' names."""
+WRAPPERS = {"msg": (), "srv": ("_Reply",), "action": ("_Command", "_Progress", "_Outcome")}
+"""Kind of file -> the endings of its wrappers' names."""
 
 
 class Definition(NamedTuple):
     """A definition that is not read yet. `content` is the path of its file, or its text.
 
-    Diagnostics print `path`, and generated files print `origin`.
+    `name` is the type that the file defines, such as std_srvs/srv/SetBool. Diagnostics print `path`, and
+    generated files print `origin`.
     """
 
     name: TypeName
@@ -36,8 +39,7 @@ class Definition(NamedTuple):
         return tuple(self.name.part(ending) for ending in (*SECTIONS[self.name.kind], *WRAPPERS[self.name.kind]))
 
 
-@dataclass(frozen=True, slots=True)
-class Package:
+class Package(NamedTuple):
     """A package of definitions. `place` is the path of its folder or the name of its store, for diagnostics.
 
     `definitions` maps the name of each message to the definition that contains the message. `dialect` is None if the
@@ -46,7 +48,7 @@ class Package:
 
     name: str
     place: str
-    definitions: Mapping[TypeName, Definition] = field(hash=False)
+    definitions: Mapping[TypeName, Definition]
     dialect: Dialect | None = None
 
 

@@ -13,10 +13,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from shmgen.core.diagnostics import Report, Span
-from shmgen.core.model import TypeName
 from shmgen.definitions import folders
-from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
-from shmgen.definitions.parser import SECTIONS
+from shmgen.definitions.catalogue import SECTIONS, Catalogue, Package, package_of
 from shmgen.definitions.tokens import Dialect
 
 DEBIAN = Path("/usr/share")
@@ -52,19 +50,19 @@ def catalogue(variables: Mapping[str, str], report: Report) -> Catalogue:
     If several folders contain the same package, all its definitions come from the first of these folders. Raises
     Rejected (SHM506) if no packages are found.
     """
-    ros2 = dialect(variables) == "ros2"
+    ros = dialect(variables)
     all_packages: dict[str, tuple[Package, ...]] = {}
     for place in places(variables):
-        if ros2:
+        if ros == "ros2":
             packages: Catalogue = {package.name: (package,) for package in _indexed(place)}
         elif place == DEBIAN:
             packages = {package.name: (package,) for package in _loose(place)}
         else:
-            crawled = folders.catalogue(place, _NOWHERE, report)
-            packages = {name: tuple(_of_ros1(package) for package in several) for name, several in crawled.items()}
-        all_packages = {**packages, **all_packages}
+            packages = folders.catalogue(place, _NOWHERE, report)
+        installed = {name: tuple(_installed(package, ros) for package in several) for name, several in packages.items()}
+        all_packages = {**installed, **all_packages}
     if not all_packages:
-        name, distribution = ("AMENT_PREFIX_PATH", "jazzy") if ros2 else ("ROS_PACKAGE_PATH", "noetic")
+        name, distribution = ("AMENT_PREFIX_PATH", "jazzy") if ros == "ros2" else ("ROS_PACKAGE_PATH", "noetic")
         value = variables.get(name)
         if not any(map(variables.get, ("ROS_VERSION", "AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH"))):
             distribution = "jazzy"  # no variable names a ROS; most users have ROS 2
@@ -104,41 +102,22 @@ def _indexed(prefix: Path) -> Iterable[Package]:
         for kind, stem, ending in (match.groups() for line in lines if (match := _INTERFACE.fullmatch(line))):
             if ending == kind or (ending == "idl" and (kind, stem) not in files):
                 files[kind, stem] = root / kind / f"{stem}.{ending}"
-        yield _package(entry.name, root, files.values(), "ros2")
+        definitions = [folders.definition_of(file, entry.name, kind, _NOWHERE) for (kind, _), file in files.items()]
+        yield package_of(entry.name, folders.shorten(root, _NOWHERE), definitions)
 
 
 def _loose(folder: Path) -> Iterable[Package]:
     """Yield a package for each subfolder with msg/, srv/ or action/. No package.xml is needed."""
-    files: dict[str, list[Path]] = {}
-    for kind in SECTIONS:
-        for file in sorted(folder.glob(f"*/{kind}/*.{kind}")):
-            files.setdefault(file.parts[-3], []).append(file)
-    for name in sorted(files):
-        yield _package(name, folder / name, files[name], "ros1")
+    roots = {file.parents[1] for kind in SECTIONS for file in folder.glob(f"*/{kind}/*.{kind}")}
+    return filter(None, (folders.package_at(root, _NOWHERE) for root in sorted(roots)))
 
 
-def _of_ros1(package: Package) -> Package:
-    """Return a package that a search of folders found, marked as a package of ROS 1.
+def _installed(package: Package, dialect: Dialect) -> Package:
+    """Return a package marked as a package of ROS 1 or ROS 2.
 
-    The mark sets the dialect of the package, and the origin of each definition, which generated files print.
+    The mark sets the dialect of the package, and the origin of each definition, which generated files print. The origin
+    contains neither the folder nor the distribution, so that a definition gives the same output in every installation.
     """
-    definitions = {name: one._replace(origin=f"{one.origin} of ROS 1") for name, one in package.definitions.items()}
-    return Package(package.name, package.place, definitions, "ros1")
-
-
-def _package(name: str, root: Path, files: Iterable[Path], dialect: Dialect) -> Package:
-    """Return a package of definition files that are in or below the folder `root`.
-
-    Generated files print the origin of each definition. The origin contains neither the folder nor the distribution, so
-    that the same definition gives the same output in every installation.
-    """
-    definitions = [
-        Definition(
-            TypeName(name, file.parent.name, file.stem),
-            folders.shorten(file, _NOWHERE),
-            f"{name}/{file.parent.name}/{file.name} of ROS {dialect[-1]}",
-            file,
-        )
-        for file in files
-    ]
-    return package_of(name, folders.shorten(root, _NOWHERE), definitions, dialect)
+    mark = f" of ROS {dialect[-1]}"
+    definitions = {name: one._replace(origin=one.origin + mark) for name, one in package.definitions.items()}
+    return package._replace(definitions=definitions, dialect=dialect)

@@ -15,8 +15,7 @@ from pathlib import Path
 from shmgen.core import files
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import TypeName
-from shmgen.definitions.catalogue import Catalogue, Definition, Package, package_of
-from shmgen.definitions.parser import SECTIONS
+from shmgen.definitions.catalogue import SECTIONS, Catalogue, Definition, Package, package_of
 from shmgen.definitions.tokens import Dialect
 
 LARGEST_FILE = 2**19
@@ -26,34 +25,32 @@ LARGEST_FILE = 2**19
 def catalogue(folder: Path, relative_to: Path, report: Report) -> Catalogue:
     """Return all packages in and below `folder`. Report SHM001 if there are too many folders to search."""
     packages_by_name: dict[str, tuple[Package, ...]] = {}
-    packages = _packages(folder, relative_to)
-    if packages is None:
-        hint = "give the folder that contains your packages"
-        problem = f"more than {_MOST_FOLDERS:,} folders to search"
-        report.error("SHM001", problem, Span(shorten(folder, relative_to)), hint=hint)
-    for package in packages or ():
+    for package in _packages(folder, relative_to, report):
         with_definitions = tuple(other for other in packages_by_name.get(package.name, ()) if other.definitions)
         if package.definitions or not with_definitions:  # ignore a package without definitions if another has some
             packages_by_name[package.name] = (*with_definitions, package)
     return packages_by_name
 
 
-def package_around(file: Path, relative_to: Path) -> Package | None:
-    """Return the package that contains a definition file. If no package contains the file, its folder is the package.
+def package_around(file: Path, relative_to: Path) -> tuple[Package, Definition] | None:
+    """Return the package that contains a definition file, and the definition in the file.
 
-    Return None if the package or the folder has no valid package name.
+    If no package contains the file, its folder is the package. The folder also decides the kind of an .idl file; msg is
+    the default. Return None if the package or the folder has no valid package name.
     """
     folder = Path(os.path.abspath(file)).parent
-    kind = kind_of(file)
     section = _section(folder)
-    package = _package(_root(section.parent) if section else folder, relative_to)
+    kind = file.suffix.removeprefix(".")
+    if kind == "idl":
+        kind = section.name if section else "msg"
+    package = package_at(_root(section.parent) if section else folder, relative_to)
     if package is None:
         return None
-    name = package.name
-    definition = _definition(file, TypeName(name, kind, file.stem), relative_to)
-    siblings = {} if section else _loose(folder, name, relative_to)
-    definitions = {**siblings, **package.definitions, **dict.fromkeys(definition.messages, definition)}
-    return Package(name, package.place, definitions, package.dialect)
+    siblings = () if section else _files(folder, "msg")
+    definitions = [definition_of(sibling, package.name, "msg", relative_to) for sibling in siblings]
+    definition = definition_of(file, package.name, kind, relative_to)
+    definitions += [*package.definitions.values(), definition]
+    return package_of(package.name, package.place, definitions, package.dialect), definition
 
 
 def _section(folder: Path) -> Path | None:
@@ -77,12 +74,6 @@ def _root(folder: Path) -> Path:
 _DEEPEST_GROUP = 3
 
 
-def kind_of(file: Path) -> str:
-    """Return msg, srv or action. The folder decides the kind of an .idl file; msg is the default."""
-    section = _section(Path(os.path.abspath(file)).parent)
-    return (section.name if section else "msg") if file.suffix == ".idl" else file.suffix.removeprefix(".")
-
-
 def read(definition: Definition, report: Report) -> str | None:
     """Return the text of a definition, without a byte order mark.
 
@@ -90,28 +81,26 @@ def read(definition: Definition, report: Report) -> str | None:
     """
     if isinstance(definition.content, str):
         return definition.content
-    nowhere = Span(definition.path)
+    problem, data = "", b""
     try:
-        if not definition.content.is_file():
-            what = "not a file" if definition.content.exists() else "no such file"
-            report.error("SHM001", what, nowhere)
-            return None
-        with definition.content.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+        if definition.content.is_file():
+            with definition.content.open("rb") as file:
+                data = file.read(LARGEST_FILE + 1)
+        else:
+            problem = "not a file" if definition.content.exists() else "no such file"
     except OSError as error:
-        report.error("SHM001", f"cannot read: {error.strerror}", nowhere)
-        return None
+        problem = f"cannot read: {error.strerror}"
     if len(data) > LARGEST_FILE:
-        report.error("SHM001", f"larger than {LARGEST_FILE // 1024} KiB, the limit of a definition", nowhere)
+        problem = f"larger than {LARGEST_FILE // 1024} KiB, the limit of a definition"
+    if problem:
+        report.error("SHM001", problem, Span(definition.path))
         return None
     try:
         return data.decode().removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
     except UnicodeDecodeError as error:
         before = data[: error.start].decode()
-        line = before.count("\n") + 1
-        column = len(before) - before.rfind("\n")
-        culprit = f"byte 0x{data[error.start]:02X} is not UTF-8"
-        report.error("SHM002", culprit, Span(definition.path, line, column, 1), hint="save the file as UTF-8")
+        place = Span(definition.path, before.count("\n") + 1, len(before) - before.rfind("\n"), 1)
+        report.error("SHM002", f"byte 0x{data[error.start]:02X} is not UTF-8", place, hint="save the file as UTF-8")
         return None
 
 
@@ -125,8 +114,8 @@ _MOST_FOLDERS = 100_000
 """The largest number of folders to search for packages. A workspace with all of ROS has some thousand."""
 
 
-def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
-    """Return the packages in and below a folder, or None if there are too many folders.
+def _packages(folder: Path, relative_to: Path, report: Report) -> list[Package]:
+    """Return the packages in and below a folder. If there are too many folders, report SHM001 and return no package.
 
     The search is depth first, without recursion. A folder reached twice through links counts once.
     """
@@ -145,9 +134,12 @@ def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
             continue
         seen.add((status.st_dev, status.st_ino))
         if len(seen) > _MOST_FOLDERS:
-            return None
+            problem = f"more than {_MOST_FOLDERS:,} folders to search"
+            hint = "give the folder that contains your packages"
+            report.error("SHM001", problem, Span(shorten(folder, relative_to)), hint=hint)
+            return []
         if "package.xml" in names or any(_files(here / kind, kind) for kind in SECTIONS if kind in names):
-            package = _package(here, relative_to)
+            package = package_at(here, relative_to)
             if package is not None:
                 packages.append(package)
             continue
@@ -157,7 +149,7 @@ def _packages(folder: Path, relative_to: Path) -> list[Package] | None:
     return packages
 
 
-def _package(root: Path, relative_to: Path) -> Package | None:
+def package_at(root: Path, relative_to: Path) -> Package | None:
     """Return the package in `root`, or None if package.xml and the folder give no valid package name."""
     manifest = _manifest(root)
     name_element = _NAME_IN_XML.search(manifest)
@@ -165,7 +157,7 @@ def _package(root: Path, relative_to: Path) -> Package | None:
     if not _PACKAGE_NAME.fullmatch(name):
         return None
     definitions = [
-        _definition(file, TypeName(name, kind, file.stem), relative_to)
+        definition_of(file, name, kind, relative_to)
         for kind in SECTIONS
         for place in (*_groups(root, bool(manifest)), root)  # if a name occurs twice, the definition in root wins
         for file in _files(place / kind, kind, with_groups=bool(manifest))
@@ -184,12 +176,6 @@ def _groups(root: Path, has_manifest: bool) -> list[Path]:
             groups.append(Path(here))
         folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in SECTIONS)
     return groups
-
-
-def _loose(folder: Path, name: str, relative_to: Path) -> dict[TypeName, Definition]:
-    """Return the messages of the .msg files that are directly in `folder`, a folder that is not called msg/."""
-    definitions = [_definition(file, TypeName(name, "msg", file.stem), relative_to) for file in _files(folder, "msg")]
-    return {message: definition for definition in definitions for message in definition.messages}
 
 
 def _files(folder: Path, kind: str, *, with_groups: bool = False) -> list[Path]:
@@ -212,11 +198,12 @@ def _files(folder: Path, kind: str, *, with_groups: bool = False) -> list[Path]:
     return [by_stem[stem] for stem in sorted(by_stem)]
 
 
-def _definition(file: Path, name: TypeName, relative_to: Path) -> Definition:
+def definition_of(file: Path, package: str, kind: str, relative_to: Path) -> Definition:
+    """Return the definition in a file of the kind msg, srv or action, which belongs to the package `package`."""
     shortened = shorten(file, relative_to)
     # Generated files print the origin, so the origin must be the same on every machine.
-    origin = shortened if not os.path.isabs(shortened) else f"{name.package}/{name.kind}/{file.name}"
-    return Definition(name, shortened, origin, file)
+    origin = shortened if not os.path.isabs(shortened) else f"{package}/{kind}/{file.name}"
+    return Definition(TypeName(package, kind, file.stem), shortened, origin, file)
 
 
 def shorten(path: Path, relative_to: Path) -> str:

@@ -15,25 +15,27 @@ from typing import Any, NamedTuple, TypeVar
 
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Array, Constant, Field, FieldType, Message, Ref, Scalar, Sequence, String, TypeName
+from shmgen.core.type_hash import FILLER
 from shmgen.definitions import comments, syntax_hints
 from shmgen.definitions.annotations import Annotation, Text, extract_annotations, text_of, to_msg_literal
+from shmgen.definitions.catalogue import SECTIONS, Definition
 from shmgen.definitions.fieldtypes import CLOCKS, read_bound
 from shmgen.definitions.literals import read_constant, read_default
-from shmgen.definitions.parser import SECTIONS, Source, lines_of
+from shmgen.definitions.parser import lines_of
 from shmgen.definitions.rosidl import syntax_tree, words
 from shmgen.definitions.tokens import DefinitionError, Token, quote
 
 
-def parse(source: Source, report: Report) -> tuple[Message, ...]:
+def parse(definition: Definition, text: str, report: Report) -> tuple[Message, ...]:
     """Return the messages of an .idl file: one if the file is in msg/, two in srv/, three in action/.
 
     Return an empty tuple if the file is not usable. Errors go to the report: SHM001, SHM003, SHM004, SHM005, SHM006,
     SHM008, SHM102, SHM201, SHM302.
     """
-    lines = lines_of(source, report)
+    lines = lines_of(text, definition.path, report)
     try:
-        file = _split(source, Text.of(lines)) if lines else None
-        return tuple(_message(file, struct, report) for struct in file.structs) if file else ()
+        file = _split(definition, Text(lines, "\n".join(line.text for line in lines))) if lines else None
+        return tuple(_message(file, struct, report) for struct in _expected_structs(file)) if file else ()
     except DefinitionError as error:
         report.error(error.code, error.message, error.span, hint=error.hint)
         return ()
@@ -42,24 +44,24 @@ def parse(source: Source, report: Report) -> tuple[Message, ...]:
 class _File(NamedTuple):
     """An .idl file with its declarations, as nodes of the syntax tree.
 
-    `typedefs` maps a name to its type and declarator. `constants` maps the name of a module to its constants. `code` is
-    the text without annotations. The annotations of a declaration are in `noted`, under the position of the declared
-    name.
+    `typedefs` maps a name to its type and declarator. `constants` maps the name of a module to its constants. `structs`
+    maps a name to the names of the modules around the structure, and the structure. `code` is the text without
+    annotations. The annotations of a declaration are in `noted`, under the position of the declared name.
     """
 
-    source: Source
+    definition: Definition
     text: Text
     code: str
     noted: Mapping[int, list[Annotation]]
     typedefs: Mapping[str, tuple[Any, Any]]
     constants: Mapping[str, list[Any]]
-    structs: list[Any]
+    structs: Mapping[str, tuple[tuple[str, ...], Any]]
     enums: set[str]
 
     @property
     def expected(self) -> list[str]:
         """The names of the structures that the file must contain."""
-        _, kind, name = self.source.name
+        _, kind, name = self.definition.name
         return [name + ending for ending in SECTIONS[kind]]
 
     def token(self, name: Any) -> Token:
@@ -95,13 +97,11 @@ _WRAPPER_RULES = {
     "floating_pt_type",
 }
 """Grammar rules that only wrap another rule."""
-_FILLER = "structure_needs_at_least_one_member"
-"""The field that rosidl_adapter adds to a message without fields."""
 _DEEPEST_TYPEDEF = 20
 _ASSIGNED = re.compile(r'\s*=\s*((?:L?"(?:\\.|[^"\\\n])*"\s*)+|[^;"]*)')
 
 
-def _split(source: Source, text: Text) -> _File:
+def _split(definition: Definition, text: Text) -> _File:
     code, annotations = extract_annotations(text)
     typedefs: dict[str, tuple[Any, Any]] = {}
     constants: dict[str, list[Any]] = {}
@@ -123,9 +123,7 @@ def _split(source: Source, text: Text) -> _File:
     noted: dict[int, list[Annotation]] = {}
     for annotation in annotations:
         noted.setdefault(places[bisect(places, annotation.start)], []).append(annotation)
-    file = _File(source, text, code, noted, typedefs, constants, [], enums)
-    file.structs.extend(_expected_structs(file, structs))
-    return file
+    return _File(definition, text, code, noted, typedefs, constants, structs, enums)
 
 
 def _declarations(tree: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -140,25 +138,25 @@ def _declarations(tree: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
             waiting += [(around, inner) for inner in reversed(list(_nodes(node)))]
 
 
-def _expected_structs(file: _File, structs: Mapping[str, tuple[tuple[str, ...], Any]]) -> Iterator[Any]:
-    """Yield the structures that the file must contain, in order.
+def _expected_structs(file: _File) -> list[Any]:
+    """Return the structures that the file must contain, in order.
 
     Raises DefinitionError (SHM003) if a structure is missing or the file contains another structure.
     """
-    (package, kind, name), expected = file.source.name, file.expected
-    for struct, (modules, node) in structs.items():
+    (package, kind, name), expected = file.definition.name, file.expected
+    for struct, (modules, node) in file.structs.items():
         if struct not in expected or modules != (package, kind):
             is_called = "::".join((*modules, struct))
             hint = f"declare only {' and '.join(f'{package}::{kind}::{one}' for one in expected)} in {kind}/{name}.idl"
             raise file.token(_name(node)).error("SHM003", f"unexpected structure {quote(is_called)}", hint)
     for struct in expected:
-        if struct not in structs:
+        if struct not in file.structs:
             raise file.text.token(0, "").error("SHM003", f"the structure {quote(struct)} is missing")
-        yield structs[struct][1]
+    return [file.structs[struct][1] for struct in expected]
 
 
 def _message(file: _File, struct: Any, report: Report) -> Message:
-    name = file.source.name._replace(name=str(_name(struct)))
+    name = file.definition.name._replace(name=str(_name(struct)))
     fields: dict[str, Field] = {}
     constants: dict[str, Constant] = {}
     for node in file.constants.get(f"{name.name}_Constants", ()):
@@ -169,11 +167,11 @@ def _message(file: _File, struct: Any, report: Report) -> Message:
         for declarator in declarators:
             with _reporting(name, _name(declarator), report):
                 _add(fields, _field(file, member, _name(first), declarator), file.token(_name(declarator)))
-    if list(fields) == [_FILLER]:
+    if list(fields) == [FILLER]:
         fields = {}
-    span = Span(file.source.path) if name == file.source.name else file.token(_name(struct)).span
+    span = Span(file.definition.path) if name == file.definition.name else file.token(_name(struct)).span
     doc, text = _doc(file, _name(struct)), file.text.whole
-    return Message(name, tuple(fields.values()), tuple(constants.values()), span, file.source.origin, text, doc)
+    return Message(name, tuple(fields.values()), tuple(constants.values()), span, file.definition.origin, text, doc)
 
 
 @contextmanager
@@ -203,8 +201,8 @@ def _constant(file: _File, node: Any) -> Constant:
     assigned = _ASSIGNED.match(file.code, _name(node).start_pos + len(name.text))
     literal = to_msg_literal(assigned[1].strip()) if assigned else ""
     value = _read(name, literal, lambda written: read_constant(written, type_, "ros2"))
-    type_ = String(wide=type_.wide) if isinstance(type_, String) else type_
-    return Constant(name.text, type_, value, name.span, _doc(file, _name(node)))
+    unbounded = String(wide=type_.wide) if isinstance(type_, String) else type_
+    return Constant(name.text, unbounded, value, name.span, _doc(file, _name(node)))
 
 
 def _field(file: _File, member: Any, first: Any, declarator: Any) -> Field:
@@ -277,7 +275,7 @@ def _type(file: _File, node: Any, name: Token, depth: int = 0) -> FieldType:
         inner, declarator = file.typedefs[parts[0]]
         return _with_length(_type(file, inner, name, depth + 1), declarator, name)
     if parts in ([struct] for struct in file.expected):  # the schema rejects this type as recursive
-        return Ref(file.source.name._replace(name=parts[0]))
+        return Ref(file.definition.name._replace(name=parts[0]))
     if len(parts) != 3:
         raise name.error("SHM004", f"unknown type {quote('::'.join(parts))}", _hint(file, parts))
     if parts[0] == "builtin_interfaces" and parts[2] in CLOCKS:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Message, TypeName
-from shmgen.definitions import store
+from shmgen.definitions import environment, store
 from shmgen.definitions.catalogue import Catalogue, Definition, Package
 from shmgen.definitions.folders import catalogue, read, shorten
-from shmgen.definitions.parser import Source, parse
+from shmgen.definitions.parser import parse
 from shmgen.definitions.tokens import Dialect
 from shmgen.definitions.wrappers import wrappers
 
@@ -82,8 +82,7 @@ class Library:
             places = f"{before.place} and {package.place}"
             hint = "generate from one file at a time, or rename one of the folders"
             self.report.error("SHM505", f"package {package.name} is in {places}", Span(package.place), hint=hint)
-        merged = {**before.definitions, **package.definitions}
-        self.explicit[package.name] = Package(package.name, package.place, merged, package.dialect)
+        self.explicit[package.name] = package._replace(definitions={**before.definitions, **package.definitions})
 
     def message(self, name: TypeName) -> Message | None:
         """Read and return the message `name`, for which definition() must not return None.
@@ -95,16 +94,15 @@ class Library:
         assert definition is not None
         if definition not in self._read:
             text = read(definition, self.report)
-            source = Source(definition.name, text or "", definition.path, definition.origin)
             if text is None:
                 parsed: tuple[Message, ...] = ()
             elif definition.path.endswith(".idl"):
                 from shmgen.definitions import idl  # imported late because few runs need it
 
-                parsed = idl.parse(source, self.report)
+                parsed = idl.parse(definition, text, self.report)
             else:
-                parsed = parse(source, package.dialect or self._dialect(), self.report)
-            generated = wrappers(definition.name, definition.path, definition.origin) if parsed else ()
+                parsed = parse(definition, text, package.dialect or self._dialect(), self.report)
+            generated = wrappers(definition) if parsed else ()
             self._read[definition] = {message.name: message for message in (*parsed, *generated)}
         message = self._read[definition].get(_action_part(name) if name not in package.definitions else name)
         return message and replace(message, name=name)
@@ -146,15 +144,11 @@ class Library:
         folders = [shorten(folder, self.sources.relative_to) for folder in self.sources.path]
         if self.sources.source != "env":
             return [*folders, f"built-in store {self.sources.source}"]
-        from shmgen.definitions import environment
-
         return [*folders, *(shorten(place, self.sources.relative_to) for place in environment.places(os.environ))]
 
     def _dialect(self) -> Dialect:
         """Return the default dialect, for packages whose manifest names no build tool."""
         if self.sources.source == "env":
-            from shmgen.definitions import environment
-
             return environment.dialect(os.environ)
         return store.dialect(self.sources.source)
 
@@ -165,8 +159,6 @@ class Library:
         """
         if self.fallback is None:
             if self.sources.source == "env":
-                from shmgen.definitions import environment
-
                 self.fallback = environment.catalogue(os.environ, self.report)
             else:
                 self.fallback = store.catalogue(self.sources.source)

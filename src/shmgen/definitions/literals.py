@@ -46,23 +46,20 @@ def read_default(rest: Token, type: FieldType) -> tuple[Default, Token]:
     return tuple(_value(element, type.element) for element in elements), rest.part(listed.end())
 
 
-def read_constant(rest: Token, type: FieldType, dialect: Dialect) -> tuple[Value, Token]:
+def read_constant(rest: Token, type: Scalar | String, dialect: Dialect) -> tuple[Value, Token]:
     """Parse the value of a constant. Return the value, and the text after the value.
 
     Raises DefinitionError (SHM003, SHM005 or SHM006) if the value is invalid.
     """
     if dialect == "ros1" and isinstance(type, String):
         return rest.text, rest.part(len(rest.text))  # the rest of the line, with quotes and `#`
-    if isinstance(type, Array | Sequence):
-        raise rest.error("SHM006", "a constant must be a single number, bool or string")
     return _single_value(rest, type)
 
 
 _QUOTED = r""""(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
 _STRING = re.compile(_QUOTED)
 _LIST = re.compile(rf"""\[(?:{_QUOTED}|[^"'\]#])*\]""")
-_ELEMENT = re.compile(rf"""{_QUOTED}|[^"',]*""")
-_BLANKS = re.compile(r"[ \t]*")
+_ELEMENT = re.compile(rf"""[ \t]*(?P<value>{_QUOTED}|[^"',]*)[ \t]*(?P<behind>(?s:.)|\Z)""")
 _ESCAPE = re.compile(r"\\(.)")
 _ESCAPED = {"\\": "\\", '"': '"', "'": "'", "n": "\n", "r": "\r", "t": "\t"}
 _WHOLE = re.compile(r"[+-]?(?:0[xX][0-9a-fA-F]+|0[bB][01]+|0[oO][0-7]+|[0-9]+)")
@@ -93,28 +90,20 @@ def _elements(written: Token, are_strings: bool) -> list[Token]:
     """
     inside = written.part(1, len(written.text) - 1)
     tokens: list[Token] = []
-    position = 0
-    while position < len(inside.text) or (position == len(inside.text) and inside.text.endswith(",")):
-        start = _end(_BLANKS, inside.text, position)
+    for element in _ELEMENT.finditer(inside.text) if inside.text else ():
+        start, end = element.span("value")
         if are_strings and start == len(inside.text):
             break
-        end = _end(_ELEMENT, inside.text, start)
         if are_strings and start == end:
-            raise inside.part(start).error(
-                "SHM003", "expected a value before the comma", 'write "" for an empty string'
-            )
+            reason = "expected a value before the comma"
+            raise inside.part(start).error("SHM003", reason, 'write "" for an empty string')
         tokens.append(inside.part(start, end))
-        position = _end(_BLANKS, inside.text, end)
-        if inside.text[position : position + 1] not in (",", ""):
-            raise inside.part(position).error("SHM003", "expected a comma between the elements of the list")
-        position += 1
+        if not element["behind"]:
+            break
+        if element["behind"] != ",":
+            reason = "expected a comma between the elements of the list"
+            raise inside.part(element.start("behind")).error("SHM003", reason)
     return tokens
-
-
-def _end(pattern: re.Pattern[str], text: str, start: int) -> int:
-    """Return the end of the match of `pattern` at `start`, or `start` if the pattern does not match."""
-    match = pattern.match(text, start)
-    return match.end() if match else start
 
 
 def _value(written: Token, type: Element) -> Value:

@@ -7,45 +7,31 @@ behavior for files on which rosidl_adapter and genmsg differ or crash.
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from typing import TypeAlias
 
 from shmgen.core.diagnostics import Report, Span
 from shmgen.core.model import Constant, Default, Field, FieldType, Message, Scalar, String, TypeName
 from shmgen.core.plural import counted
 from shmgen.definitions import comments, syntax_hints
+from shmgen.definitions.catalogue import SECTIONS, Definition
 from shmgen.definitions.fieldtypes import read_type, type_word
 from shmgen.definitions.literals import read_constant, read_default
 from shmgen.definitions.tokens import DefinitionError, Dialect, Line, Token, quote
 
-SECTIONS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
-"""Kind of file -> the endings of its messages' names."""
 
-
-class Source(NamedTuple):
-    """A definition to parse. `name` is the type that the file defines, such as std_srvs/srv/SetBool.
-
-    Diagnostics print `path`, generated files print `origin`.
-    """
-
-    name: TypeName
-    text: str
-    path: str
-    origin: str
-
-
-def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ...]:
+def parse(definition: Definition, text: str, dialect: Dialect, report: Report) -> tuple[Message, ...]:
     """Return the messages of a definition: one for a .msg file, two for a .srv file, three for an .action file.
 
     Return an empty tuple if the file is not usable. Errors go to the report, at most 20 for a file: SHM003, SHM005,
     SHM006, SHM102, SHM201, SHM202, SHM302.
     """
-    lines = lines_of(source, report)
+    lines = lines_of(text, definition.path, report)
     if not lines:
         return ()
-    name = source.name
+    name = definition.name
     if not _MESSAGE_NAME[dialect].fullmatch(name.name):
         hint = "name the file in CamelCase: a capital first, then letters and digits"
-        report.error("SHM202", f"{quote(name.name)} is not a message name", Span(source.path), hint=hint)
+        report.error("SHM202", f"{quote(name.name)} is not a message name", Span(definition.path), hint=hint)
         return ()
     endings = SECTIONS[name.kind]
     breaks = [index for index, line in enumerate(lines) if _SEPARATOR.fullmatch(line.text)]
@@ -61,15 +47,15 @@ def parse(source: Source, dialect: Dialect, report: Report) -> tuple[Message, ..
         return ()
     starts, ends = [0, *(index + 1 for index in breaks)], [*breaks, len(lines)]
     return tuple(
-        _message(lines[start:end], TypeName(name.package, name.kind, name.name + ending), source, dialect, report)
+        _message(lines[start:end], name.part(ending), definition, dialect, report)
         for start, end, ending in zip(starts, ends, endings, strict=True)
     )
 
 
-def lines_of(source: Source, report: Report) -> list[Line]:
+def lines_of(text: str, path: str, report: Report) -> list[Line]:
     """Split the text into lines. If the text contains a control character, report SHM003 and return an empty list."""
-    text = source.text.replace("\r\n", "\n").replace("\r", "\n")
-    lines = [Line(source.path, number, line) for number, line in enumerate(text.split("\n"), 1)]
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = [Line(path, number, line) for number, line in enumerate(text.split("\n"), 1)]
     for line in lines if _CONTROL.search(text) else ():
         if control := _CONTROL.search(line.text):
             code = f"U+{ord(control[0]):04X}"
@@ -90,46 +76,33 @@ _CONSTANT_NAME = {"ros1": _WORD, "ros2": _UPPER}
 _MESSAGE_NAME = {"ros1": _WORD, "ros2": re.compile(r"[A-Z][A-Za-z0-9]*")}
 
 
-class _Declaration(NamedTuple):
-    """A field or a constant in a definition. `value` is None only for a field without a default."""
-
-    written: Token
-    name: Token
-    type: FieldType
-    value: Default | None
-    is_constant: bool
-    comment: str
+_Declared: TypeAlias = tuple[Field | Constant, str]
+"""A field or a constant without its documentation, and the comment after the declaration."""
 
 
-def _message(lines: list[Line], name: TypeName, source: Source, dialect: Dialect, report: Report) -> Message:
+def _message(lines: list[Line], name: TypeName, definition: Definition, dialect: Dialect, report: Report) -> Message:
     declarations = _declarations(lines, name, dialect, report)
     texts = [line.text for line in lines]
     first = lines[0].number if lines else 0
-    doc, docs = comments.assign(
-        texts, {number - first: declaration.comment for number, declaration in declarations.items()}
-    )
+    doc, docs = comments.assign(texts, {number - first: comment for number, (_, comment) in declarations.items()})
     fields: list[Field] = []
     constants: list[Constant] = []
-    for number, (written, word, type, value, is_constant, _) in declarations.items():
+    for number, (declared, _) in declarations.items():
         about, own = comments.split_plc_note(docs[number - first])
-        if is_constant:
-            assert isinstance(type, Scalar | String)
-            assert isinstance(value, bool | int | float | str)
-            constants.append(Constant(word.text, type, value, word.span, about, own.name))
+        if isinstance(declared, Constant):
+            constants.append(declared._replace(doc=about, plc=own.name))
         else:
             about, unit = comments.split_unit(about)
-            spelled = "byte" if type_word(written.text) == "byte" else ""  # ROS 2 reads `char` in a .msg as uint8
-            known = written.text, written.span, about, unit, value, spelled
-            fields.append(Field(word.text, type, *known, plc=own.name, align=own.align))
-    span = Span(source.path) if name == source.name else Span(source.path, first, 1)
+            fields.append(declared._replace(doc=about, unit=unit, plc=own.name, align=own.align))
+    span = Span(definition.path) if name == definition.name else Span(definition.path, first, 1)
     doc, own = comments.split_plc_note(doc)
     text = "\n".join(texts)
-    return Message(name, tuple(fields), tuple(constants), span, source.origin, text, doc, own.name, own.pack)
+    return Message(name, tuple(fields), tuple(constants), span, definition.origin, text, doc, own.name, own.pack)
 
 
-def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: Report) -> dict[int, _Declaration]:
+def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: Report) -> dict[int, _Declared]:
     """Map the number of each line that declares a field or a constant to the declaration."""
-    declarations: dict[int, _Declaration] = {}
+    declarations: dict[int, _Declared] = {}
     known: dict[str, int] = {}
     for line in lines:
         if report.is_enough(line.path):
@@ -145,7 +118,7 @@ def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: R
             declarations[line.number] = _declaration(line, declaration, name.package, dialect)
             if known.setdefault(word, line.number) != line.number:
                 again = f"{quote(word)} is already declared in line {known[word]}"
-                raise declarations[line.number].name.error("SHM201", again, "rename one of them")
+                raise Token(line, declaration.start("name"), word).error("SHM201", again, "rename one of them")
         except DefinitionError as error:
             path = f"{name.short}.{word}" if _WORD.fullmatch(word) else ""
             report.error(
@@ -154,7 +127,7 @@ def _declarations(lines: list[Line], name: TypeName, dialect: Dialect, report: R
     return declarations
 
 
-def _declaration(line: Line, match: re.Match[str], package: str, dialect: Dialect) -> _Declaration:
+def _declaration(line: Line, match: re.Match[str], package: str, dialect: Dialect) -> _Declared:
     written = Token(line, match.start("type"), match["type"])
     if written.text.startswith("@"):
         raise written.error(
@@ -167,17 +140,22 @@ def _declaration(line: Line, match: re.Match[str], package: str, dialect: Dialec
     is_constant = rest.text.startswith("=")
     type = read_type(written, package, dialect)
     _check_name(name, is_constant, dialect)
-    value: Default | None = None
+    declared: Field | Constant
     if is_constant:
-        _check_constant(written, type)
-        value, rest = read_constant(rest.part(1), type, dialect)
-    elif rest.text and not rest.text.startswith("#"):
-        if dialect == "ros1":
-            raise rest.error("SHM003", "ROS 1 has no defaults", f"write a constant as `{written.text} NAME=value`")
-        value, rest = read_default(rest, type)
+        constant_type = _constant_type(written, type)
+        value, rest = read_constant(rest.part(1), constant_type, dialect)
+        declared = Constant(name.text, constant_type, value, name.span)
+    else:
+        default: Default | None = None
+        if rest.text and not rest.text.startswith("#"):
+            if dialect == "ros1":
+                raise rest.error("SHM003", "ROS 1 has no defaults", f"write a constant as `{written.text} NAME=value`")
+            default, rest = read_default(rest, type)
+        word = "byte" if type_word(written.text) == "byte" else ""  # ROS 2 reads `char` in a .msg as uint8
+        declared = Field(name.text, type, written.text, written.span, default=default, word=word)
     if rest.text and not rest.text.startswith("#"):
         raise rest.error("SHM003", f"unexpected {quote(rest.text)} after the declaration", "begin a comment with `#`")
-    return _Declaration(written, name, type, value, is_constant, rest.text)
+    return declared, rest.text
 
 
 def _check_name(name: Token, is_constant: bool, dialect: Dialect) -> None:
@@ -198,8 +176,9 @@ def _check_name(name: Token, is_constant: bool, dialect: Dialect) -> None:
     raise name.error("SHM202", f"{quote(name.text)} is not a {kind} name", hint)
 
 
-def _check_constant(written: Token, type: FieldType) -> None:
-    if not isinstance(type, Scalar | String) or "<=" in written.text:
-        raise written.error(
-            "SHM006", f"a constant cannot have the type {quote(written.text)}", "use a number, bool or string"
-        )
+def _constant_type(written: Token, type: FieldType) -> Scalar | String:
+    """Return the type of a constant. Raises DefinitionError (SHM006) if a constant cannot have this type."""
+    if isinstance(type, Scalar | String) and "<=" not in written.text:
+        return type
+    reason = f"a constant cannot have the type {quote(written.text)}"
+    raise written.error("SHM006", reason, "use a number, bool or string")

@@ -10,9 +10,8 @@ from typing import TypeAlias
 from shmgen.core.diagnostics import Diagnostic, Report, Span, closest
 from shmgen.core.model import OTHER_NAMES, Field, Message, Ref, Schema, TypeName, element_of
 from shmgen.definitions import folders, syntax_hints
-from shmgen.definitions.catalogue import Package
+from shmgen.definitions.catalogue import SECTIONS, Package
 from shmgen.definitions.library import Library, Sources, open_library
-from shmgen.definitions.parser import SECTIONS
 from shmgen.definitions.tokens import quote
 
 
@@ -128,8 +127,8 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
 
     Also add the package around the file to the library, because the messages may contain others of this package.
     """
-    package = folders.package_around(file, library.sources.relative_to)
-    if package is None:
+    around = folders.package_around(file, library.sources.relative_to)
+    if around is None:
         hint = "rename the folder, or add a package.xml with a <name>"
         library.report.error("SHM202", "the name of the folder is not a valid package name", Span(str(file)), hint=hint)
         return []
@@ -137,9 +136,9 @@ def _in_file(file: Path, library: Library) -> list[TypeName]:
         hint = "give a message as package and name, `geometry_msgs/Pose`, or as the path of its file"
         library.report.error("SHM001", "no such file", Span(str(file)), hint=hint)
         return []
+    package, definition = around
     library.add(package)
-    kind = folders.kind_of(file)
-    return list(package.definitions[TypeName(package.name, kind, file.stem + SECTIONS[kind][0])].messages)
+    return list(definition.messages)
 
 
 def _with_dependencies(requested: Iterable[TypeName], library: Library) -> dict[TypeName, Message]:

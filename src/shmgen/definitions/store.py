@@ -9,10 +9,9 @@ import functools
 import json
 import os
 import zlib
-from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 from shmgen.core import cache
 from shmgen.core.model import TypeName
@@ -48,8 +47,6 @@ def catalogue(source: str) -> Catalogue:
     return {name: (package_of(name, place, definitions),) for name, definitions in packages.items()}
 
 
-# The values of rosbags.interfaces.Nodetype: importing the enumeration takes as long as reading the cache.
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
 _ANSWER = "bool success\nstring message\n"
 _SERVICES = {
     "std_srvs/srv/Empty": "---\n",
@@ -57,10 +54,10 @@ _SERVICES = {
     "std_srvs/srv/Trigger": f"---\n{_ANSWER}",
 }
 """The services of std_srvs, which rosbags lacks. They are the same in all distributions."""
-_FILLER = "structure_needs_at_least_one_member"
-"""The field that rosidl, and therefore rosbags, adds to a message without fields."""
 _QUATERNION = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
 """The fields with the defaults of common_interfaces, which rosbags drops. All zeros would not be a rotation."""
+_SEPARATOR = "=" * 80
+"""The line that rosbags writes between a definition and the definitions of the nested messages."""
 
 
 def texts(source: str) -> dict[str, str]:
@@ -70,43 +67,21 @@ def texts(source: str) -> dict[str, str]:
     cache_name = _cache_name(source)
     cached = cache.read(cache_name)
     if cached is None:
-        module = f"ros{dialect(source)[-1]}_{source}"
-        definitions = import_module(f"rosbags.typesys.stores.{module}").FIELDDEFS
-        known = {name: _text(name, definitions[name], source) for name in sorted(definitions)}
-        cached = json.dumps(known).encode()
+        cached = json.dumps(_texts_of_rosbags(source)).encode()
         cache.write(cache_name, cached)
     return cast("dict[str, str]", json.loads(cached))
 
 
-def _text(name: str, definition: Any, source: str) -> str:
-    if name == "geometry_msgs/msg/Quaternion" and dialect(source) == "ros2":
-        return _QUATERNION
-    constants, fields = definition
-    lines = [f"{type} {constant}={_literal(type, value, source)}\n" for constant, type, value in constants]
-    lines += [f"{_spelled(type, source)} {field}\n" for field, type in fields if field != _FILLER]
-    return "".join(lines)
+def _texts_of_rosbags(source: str) -> dict[str, str]:
+    from rosbags.typesys import Stores, get_typestore
 
-
-def _literal(type: str, value: object, source: str) -> str:
-    if type not in ("string", "wstring") or dialect(source) == "ros1":
-        return str(value)
-    return '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _spelled(type: tuple[int, Any], source: str) -> str:
-    node, content = type
-    if node == _BASE:
-        base, capacity = content
-        return f"{base}<={capacity}" if capacity else str(base)
-    if node == _NAME:
-        name = str(content).replace("/msg/", "/")
-        clock = name.removeprefix("builtin_interfaces/").lower()
-        return clock if dialect(source) == "ros1" and clock in ("time", "duration") else name
-    element, length = content
-    if node == _ARRAY:
-        return f"{_spelled(element, source)}[{length}]"
-    assert node == _SEQUENCE, node
-    return f"{_spelled(element, source)}[{f'<={length}' if length else ''}]"
+    version = int(dialect(source)[-1])
+    store = get_typestore(Stores(f"ros{version}_{source}"))
+    definitions = ((name, store.generate_msgdef(name, version)[0]) for name in sorted(store.fielddefs))
+    known = {name: definition.partition(_SEPARATOR)[0] for name, definition in definitions}
+    if version == 2:
+        known["geometry_msgs/msg/Quaternion"] = _QUATERNION
+    return known
 
 
 @functools.cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 from shmgen.core.diagnostics import Span
@@ -12,15 +13,14 @@ _LONGEST_LINE_SHOWN = 240
 _LONGEST_TEXT_SHOWN = 60
 
 
+@dataclass(eq=False)
 class DefinitionError(Exception):
     """A declaration is not usable. The parser turns this exception into a diagnostic and continues."""
 
-    def __init__(self, code: str, message: str, span: Span, hint: str = "") -> None:
-        super().__init__(message)
-        self.code = code
-        self.message = message
-        self.span = span
-        self.hint = hint
+    code: str
+    message: str
+    span: Span
+    hint: str = ""
 
 
 class Line(NamedTuple):
@@ -35,10 +35,8 @@ class Line(NamedTuple):
 
         The diagnostic shows the line, except if the line is too long or has unprintable characters.
         """
-        text = self.text if len(self.text) <= _LONGEST_LINE_SHOWN else ""
-        if not text.isprintable():
-            text = text if text.replace("\t", " ").isprintable() else ""
-        return Span(self.path, self.number, start + 1, width, text)
+        is_shown = len(self.text) <= _LONGEST_LINE_SHOWN and self.text.replace("\t", " ").isprintable()
+        return Span(self.path, self.number, start + 1, width, self.text if is_shown else "")
 
 
 class Token(NamedTuple):

@@ -7,95 +7,76 @@ wrappers in "Services" and "Actions".
 from __future__ import annotations
 
 from shmgen.core.diagnostics import Span
-from shmgen.core.model import Constant, Field, FieldType, Message, Ref, Scalar, TypeName, ros_type
-
-WRAPPERS = {"msg": (), "srv": ("_Reply",), "action": ("_Command", "_Progress", "_Outcome")}
-"""Kind of file -> the endings of its wrappers' names."""
+from shmgen.core.model import Constant, Field, FieldType, Message, Ref, Scalar, ros_type
+from shmgen.definitions.catalogue import Definition
 
 
-def wrappers(definition: TypeName, path: str, origin: str) -> tuple[Message, ...]:
-    """Return the wrappers for a service or an action, such as std_srvs/srv/SetBool. A message has none.
-
-    Diagnostics print `path`.
-    """
-    place = Span(path)
-    if definition.kind == "srv":
-        return (_reply(definition, place, origin),)
-    if definition.kind == "action":
-        return tuple(make(definition, place, origin) for make in (_command, _progress, _outcome))
+def wrappers(definition: Definition) -> tuple[Message, ...]:
+    """Return the wrappers for a service or an action, such as std_srvs/srv/SetBool. A message has none."""
+    if definition.name.kind == "srv":
+        return (_reply(definition),)
+    if definition.name.kind == "action":
+        return (_command(definition), _progress(definition), _outcome(definition))
     return ()
 
 
-def _reply(service: TypeName, place: Span, origin: str) -> Message:
+def _reply(service: Definition) -> Message:
     fields = (
-        _field("call", Scalar.UINT32, place, "number of the answered request"),
-        _field("status", Scalar.UINT8, place, "DONE or FAILED"),
-        _part(service, "response", place, "not valid if status is FAILED"),
+        _field(service, "call", Scalar.UINT32, "number of the answered request"),
+        _field(service, "status", Scalar.UINT8, "DONE or FAILED"),
+        _part(service, "response", "not valid if status is FAILED"),
     )
-    constants = (_constant("DONE", Scalar.UINT8, 1, place), _constant("FAILED", Scalar.UINT8, 2, place))
-    return _message(service, "_Reply", f"Reply to a call of {service.short}.", fields, constants, place, origin)
+    constants = _constants(service, Scalar.UINT8, DONE=1, FAILED=2)
+    return _message(service, "_Reply", f"Reply to a call of {service.name.short}.", fields, constants)
 
 
-def _command(action: TypeName, place: Span, origin: str) -> Message:
+def _command(action: Definition) -> Message:
+    condition = "not valid in a request to cancel; the number of its sample is the number of the goal"
     fields = (
-        _field("cancel", Scalar.UINT32, place, "number of the goal to cancel; 0 = this message is a new goal"),
-        _part(
-            action,
-            "goal",
-            place,
-            "not valid in a request to cancel; the number of its sample is the number of the goal",
-        ),
+        _field(action, "cancel", Scalar.UINT32, "number of the goal to cancel; 0 = this message is a new goal"),
+        _part(action, "goal", condition),
     )
-    return _message(
-        action, "_Command", f"A goal of {action.short}, or a request to cancel one.", fields, (), place, origin
-    )
+    return _message(action, "_Command", f"A goal of {action.name.short}, or a request to cancel one.", fields)
 
 
-def _progress(action: TypeName, place: Span, origin: str) -> Message:
+def _progress(action: Definition) -> Message:
     fields = (
-        _field("goal", Scalar.UINT32, place, "number of the goal"),
-        _field("status", Scalar.INT8, place, "ACCEPTED, EXECUTING or CANCELING"),
-        _part(action, "feedback", place, "not valid if status is ACCEPTED"),
+        _field(action, "goal", Scalar.UINT32, "number of the goal"),
+        _field(action, "status", Scalar.INT8, "ACCEPTED, EXECUTING or CANCELING"),
+        _part(action, "feedback", "not valid if status is ACCEPTED"),
     )
     # The numbers come from action_msgs/msg/GoalStatus, as in _outcome. Only REJECTED has no number there.
-    statuses = {"ACCEPTED": 1, "EXECUTING": 2, "CANCELING": 3}
-    constants = tuple(_constant(name, Scalar.INT8, value, place) for name, value in statuses.items())
-    return _message(action, "_Progress", f"Progress of a goal of {action.short}.", fields, constants, place, origin)
+    constants = _constants(action, Scalar.INT8, ACCEPTED=1, EXECUTING=2, CANCELING=3)
+    return _message(action, "_Progress", f"Progress of a goal of {action.name.short}.", fields, constants)
 
 
-def _outcome(action: TypeName, place: Span, origin: str) -> Message:
+def _outcome(action: Definition) -> Message:
     fields = (
-        _field("goal", Scalar.UINT32, place, "number of the goal that has ended"),
-        _field("status", Scalar.INT8, place, "SUCCEEDED, CANCELED, ABORTED or REJECTED"),
-        _part(action, "result", place, "not valid if status is REJECTED"),
+        _field(action, "goal", Scalar.UINT32, "number of the goal that has ended"),
+        _field(action, "status", Scalar.INT8, "SUCCEEDED, CANCELED, ABORTED or REJECTED"),
+        _part(action, "result", "not valid if status is REJECTED"),
     )
-    statuses = {"SUCCEEDED": 4, "CANCELED": 5, "ABORTED": 6, "REJECTED": -1}
-    constants = tuple(_constant(name, Scalar.INT8, value, place) for name, value in statuses.items())
-    return _message(action, "_Outcome", f"Outcome of a goal of {action.short}.", fields, constants, place, origin)
+    constants = _constants(action, Scalar.INT8, SUCCEEDED=4, CANCELED=5, ABORTED=6, REJECTED=-1)
+    return _message(action, "_Outcome", f"Outcome of a goal of {action.name.short}.", fields, constants)
 
 
-def _field(name: str, type: FieldType, place: Span, doc: str) -> Field:
-    return Field(name, type, ros_type(type), place, doc)
+def _field(definition: Definition, name: str, type: FieldType, doc: str) -> Field:
+    return Field(name, type, ros_type(type), Span(definition.path), doc)
 
 
-def _part(definition: TypeName, name: str, place: Span, doc: str) -> Field:
+def _part(definition: Definition, name: str, doc: str) -> Field:
     """Return a wrapper's field that contains a part of the definition: `response` contains SetBool_Response."""
-    return _field(name, Ref(definition.part(f"_{name.capitalize()}")), place, doc)
+    return _field(definition, name, Ref(definition.name.part(f"_{name.capitalize()}")), doc)
 
 
-def _constant(name: str, type: Scalar, value: int, place: Span) -> Constant:
-    return Constant(name, type, value, place)
+def _constants(definition: Definition, type: Scalar, **values: int) -> tuple[Constant, ...]:
+    return tuple(Constant(name, type, value, Span(definition.path)) for name, value in values.items())
 
 
 def _message(
-    definition: TypeName,
-    ending: str,
-    doc: str,
-    fields: tuple[Field, ...],
-    constants: tuple[Constant, ...],
-    place: Span,
-    origin: str,
+    definition: Definition, ending: str, doc: str, fields: tuple[Field, ...], constants: tuple[Constant, ...] = ()
 ) -> Message:
-    lines = [f"{constant.type.value} {constant.name}={constant.value}" for constant in constants]  # type: ignore[union-attr]
+    lines = [f"{ros_type(constant.type)} {constant.name}={constant.value}" for constant in constants]
     lines += [f"{field.written} {field.name}" for field in fields]
-    return Message(definition.part(ending), fields, constants, place, origin, "\n".join(lines), doc)
+    name, place, text = definition.name.part(ending), Span(definition.path), "\n".join(lines)
+    return Message(name, fields, constants, place, definition.origin, text, doc)

@@ -38,13 +38,14 @@ def _message(name: str, old: Lock, new: Lock, place: str) -> Finding | None:
     before, after = old.messages.get(name), new.messages.get(name)
     if before is None:
         assert after is not None
-        return _finding("SHM402", Severity.COMPATIBLE, f"{short_name} is new", place, (), after.origin)
+        return _finding("SHM402", Severity.COMPATIBLE, f"{short_name} is new", place, origin=after.origin)
     if after is None:
         was_requested = name in old.requested
         severity = Severity.BREAKING if was_requested else Severity.COSMETIC
-        return _finding("SHM401" if was_requested else "SHM402", severity, f"{short_name} was removed", place, (), "")
+        return _finding("SHM401" if was_requested else "SHM402", severity, f"{short_name} was removed", place)
     if before.digest != after.digest:
-        changes = (*_fields(before, after, old, new), *_meanings(before, after), *_values(before, after))
+        meanings, values = _values(before, after)
+        changes = (*_fields(before, after, old, new), *meanings, *values)
         if before.size != after.size:
             changes += (Change("size", ("size",), f"{before.size} -> {after.size}"),)
         hint = f"old and new programs refuse each other (digest {before.digest[:4]}… / {after.digest[:4]}…)"
@@ -57,28 +58,21 @@ def _message(name: str, old: Lock, new: Lock, place: str) -> Finding | None:
 def _same_layout(name: str, before: Block, after: Block, old: Lock, new: Lock, place: str) -> Finding | None:
     short_name, origin = short(name), after.origin
     if (name in old.requested) > (name in new.requested):
-        return _finding(
-            "SHM401",
-            Severity.BREAKING,
-            f"{short_name} is no longer requested, but other messages contain it",
-            place,
-            (),
-            origin,
-        )
+        message = f"{short_name} is no longer requested, but other messages contain it"
+        return _finding("SHM401", Severity.BREAKING, message, place, origin=origin)
     if (name in old.requested) < (name in new.requested):
-        return _finding("SHM402", Severity.COMPATIBLE, f"{short_name} is now requested", place, (), origin)
-    changes = (*_fields(before, after, old, new), *_values(before, after))
-    if meanings := _meanings(before, after):
+        return _finding("SHM402", Severity.COMPATIBLE, f"{short_name} is now requested", place, origin=origin)
+    meanings, values = _values(before, after)
+    changes = (*_fields(before, after, old, new), *values)
+    if meanings:
         hint = "old and new programs accept each other's samples, but interpret the same bytes differently"
         message = f"meaning of {short_name} changed"
         return _finding("SHM410", Severity.BREAKING, message, place, (*meanings, *changes), origin, hint)
+    if not changes and before.text != after.text and before.text:
+        changes = (Change("text", ("text",), "comments, spacing or order of constants changed"),)
     if changes:
         message = f"{short_name} changed, but its layout did not"
         return _finding("SHM402", Severity.COMPATIBLE, message, place, changes, origin)
-    if before.text != after.text and before.text:
-        change = Change("text", ("text",), "comments, spacing or order of constants changed")
-        message = f"{short_name} changed, but its layout did not"
-        return _finding("SHM402", Severity.COMPATIBLE, message, place, (change,), origin)
     if before.origin != after.origin:
         change = Change(short_name, ("origin",), f"{before.origin} -> {origin}")
         message = f"{short_name} has another origin, but did not change"
@@ -152,18 +146,16 @@ def _renamed(before: Mapping[str, Entry], after: Mapping[str, Entry]) -> dict[st
     return {name: removed[place] for name, place in added.items() if place in removed}
 
 
-def _meanings(before: Block, after: Block) -> tuple[Change, ...]:
-    """Return the changes of units, constant values and defaults that give the same bytes another meaning."""
+def _values(before: Block, after: Block) -> tuple[tuple[Change, ...], tuple[Change, ...]]:
+    """Return the changes of units, constants and defaults, in two groups.
+
+    The changes of the first group give the same bytes another meaning. The changes of the second group do not.
+    """
     units = [(name, was, after.units[name]) for name, was in before.units.items() if name in after.units]
-    changes = [Change(name, ("unit",), f"[{was}] -> [{now}]") for name, was, now in units if was != now]
-    changes += [change for change, has_new_value in _constants(before, after) if has_new_value]
-    return tuple(changes + [change for change, is_new_value in _defaults(before, after) if is_new_value])
-
-
-def _values(before: Block, after: Block) -> tuple[Change, ...]:
-    """Return the changes of constants and defaults after which the bytes still have the same meaning."""
-    both = (*_constants(before, after), *_defaults(before, after))
-    return tuple(change for change, has_new_value in both if not has_new_value)
+    changes = [(Change(name, ("unit",), f"[{was}] -> [{now}]"), True) for name, was, now in units if was != now]
+    changes += [*_constants(before, after), *_defaults(before, after)]
+    meanings = tuple(change for change, has_new_meaning in changes if has_new_meaning)
+    return meanings, tuple(change for change, has_new_meaning in changes if not has_new_meaning)
 
 
 def _constants(before: Block, after: Block) -> Iterable[tuple[Change, bool]]:
@@ -226,7 +218,7 @@ def _settings(old: Mapping[str, object], new: Mapping[str, object], place: str) 
         changes.append(Change(key, ("setting",), f"{was} -> {now}"))
         if " " in key and was != "none":
             severity = Severity.BREAKING
-    return _finding("SHM409", severity, "the configuration changed", place, tuple(changes), "") if changes else None
+    return _finding("SHM409", severity, "the configuration changed", place, tuple(changes)) if changes else None
 
 
 def _listed(settings: Mapping[str, object]) -> dict[str, str]:
@@ -250,7 +242,13 @@ def _setting(value: object) -> str:
 
 
 def _finding(
-    code: str, severity: Severity, message: str, place: str, changes: tuple[Change, ...], origin: str, hint: str = ""
+    code: str,
+    severity: Severity,
+    message: str,
+    place: str,
+    changes: tuple[Change, ...] = (),
+    origin: str = "",
+    hint: str = "",
 ) -> Finding:
     width = max((len(change.field) for change in changes), default=0)
     details = tuple(f"{change.field:<{width}}   {change.text}" for change in changes)

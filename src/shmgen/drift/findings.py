@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import IntEnum
 
 from shmgen.core.diagnostics import Diagnostic, Span
@@ -101,17 +101,8 @@ def as_json(findings: Sequence[Finding]) -> str:
                 "origin": finding.origin or None,
                 "message": finding.diagnostic.message,
                 "hint": finding.diagnostic.hint,
-                "changes": [
-                    {
-                        "field": change.field,
-                        "kinds": list(change.kinds),
-                        "text": change.text,
-                        "old_offset": change.old_offset,
-                        "new_offset": change.new_offset,
-                    }
-                    for change in finding.changes
-                ],
-                "files": list(finding.files),
+                "changes": [asdict(change) for change in finding.changes],
+                "files": finding.files,
             }
             for finding in findings
         ],

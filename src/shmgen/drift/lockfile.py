@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import re
@@ -12,7 +11,7 @@ from typing import Any
 
 from shmgen.core import toml
 from shmgen.core.diagnostics import Report, Span
-from shmgen.core.model import Default, Layout, Layouts, Ref, Role, Slot, ros_type
+from shmgen.core.model import Layout, Layouts, Ref, Role, Slot, ros_type
 from shmgen.core.type_hash import hashes
 
 LOCK = "layout.lock"
@@ -79,18 +78,18 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     The order is stable, and each slot has one line. The text has no date, host name or version of shmgen, so that
     the same input gives the same text.
     """
+    ordered = [layouts[name] for name in sorted(layouts)]
     lines = [
         "# What `shmgen generate` wrote, and from what. Commit it with the generated files.",
         f"version = {VERSION}",
-        *_list("requested", [str(layout.name) for layout in _sorted(layouts) if layout.requested]),
+        *_list("requested", [str(layout.name) for layout in ordered if layout.requested]),
         "",
         "[settings]",
     ]
     for key, value in settings.items():
         lines += _list(key, value) if key in LISTS and isinstance(value, list) else [f"{key} = {_toml(value)}"]
-    known = {name: layout.message for name, layout in layouts.items()}
-    type_hashes = hashes(layouts, known)
-    for layout in _sorted(layouts):
+    type_hashes = hashes(layouts, {layout.name: layout.message for layout in ordered})
+    for layout in ordered:
         lines += ["", *_block(layout, type_hashes[layout.name])]
     lines += ["", "[files]", *(f"{_toml(path)} = {_toml(sha256(text))}" for path, text in sorted(texts.items()))]
     return "\n".join(lines) + "\n"
@@ -98,15 +97,19 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
 
 def read(text: str, place: str, report: Report) -> Lock:
     """Parse the text of layout.lock. Report SHM408 and return an empty lock if the text is damaged."""
-    lock = _read(text)
-    if lock is None:
-        report.error(
-            "SHM408",
-            "layout.lock is damaged, so shmgen cannot determine which files are generated",
-            Span(place),
-            hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
-        )
-    return lock or Lock()
+    try:
+        data = toml.loads(text)
+        requested, files = data["requested"], data["files"]
+        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
+            raise ValueError("version")
+        blocks = data.get("messages", {})
+        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
+        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        what = "layout.lock is damaged, so shmgen cannot determine which files are generated"
+        hint = "restore it from version control, or delete it and the generated files, and run `shmgen generate`"
+        report.error("SHM408", what, Span(place), hint=hint)
+        return Lock()
 
 
 def read_requested(text: str, place: str, report: Report) -> Lock:
@@ -122,25 +125,6 @@ def read_requested(text: str, place: str, report: Report) -> Lock:
     return replace(read(f"{head}\n[files]\n", place, report), files=files)
 
 
-@functools.lru_cache(2)
-def _read(text: str) -> Lock | None:
-    """Parse the text of layout.lock, or return None if the text is damaged.
-
-    The last results are cached, because parsing is slow. `check` parses the existing and the new text, which are equal
-    in most runs.
-    """
-    try:
-        data = toml.loads(text)
-        requested, files = data["requested"], data["files"]
-        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
-            raise ValueError("version")
-        blocks = data.get("messages", {})
-        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
-        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
-    except (KeyError, TypeError, ValueError, AttributeError):
-        return None
-
-
 def short(name: str) -> str:
     """Return the short name of a message: `demo_msgs/msg/Pose` -> `demo_msgs/Pose`."""
     package, _, rest = name.partition("/")
@@ -151,14 +135,10 @@ def sha256(text: str | bytes) -> str:
     return hashlib.sha256(text.encode() if isinstance(text, str) else text).hexdigest()
 
 
-def _sorted(layouts: Layouts) -> list[Layout]:
-    return [layouts[name] for name in sorted(layouts)]
-
-
 def _block(layout: Layout, type_hash: str) -> list[str]:
     message = layout.message
-    defaults = [f"{field.name} = {_value(field.default)}" for field in message.fields if field.default is not None]
-    constants = [f"{ros_type(one.type)} {one.name} = {_value(one.value)}" for one in message.constants]
+    defaults = [f"{field.name} = {_JSON(field.default)}" for field in message.fields if field.default is not None]
+    constants = [f"{ros_type(one.type)} {one.name} = {_JSON(one.value)}" for one in message.constants]
     units = [f"{field.name} = {field.unit}" for field in message.fields if field.unit]
     return [
         f"[messages.{_toml(str(layout.name))}]",
@@ -179,10 +159,6 @@ def _slot(slot: Slot) -> str:
     role = "" if slot.role is Role.DATA else f" ({slot.role.value})"
     type_ = str(slot.type.name) if isinstance(slot.type, Ref) else ros_type(slot.type)
     return f"{slot.offset} {slot.name} {type_}{count}{role}"
-
-
-def _value(value: Default) -> str:
-    return _JSON(value)
 
 
 def _list(key: str, items: Iterable[str]) -> list[str]:

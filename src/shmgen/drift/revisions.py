@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 from shmgen.core import files
-from shmgen.core.diagnostics import Report, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
 from shmgen.drift import lockfile
 
 
@@ -17,37 +17,36 @@ def lock(name: str, output: Path) -> tuple[lockfile.Lock, str]:
     A revision is searched for the layout.lock of the folder `output`. Raises Rejected if the file is missing (SHM001)
     or damaged (SHM408).
     """
-    report = Report()
     file = Path(name, lockfile.LOCK) if os.path.isdir(name) else Path(name)
     if file.exists():
         place = str(file)
         try:
             text = files.read_file(file).decode(errors="replace")
         except OSError as error:
-            report.error("SHM001", f"cannot read: {error.strerror}", Span(place))
-            report.stop_if_any()
-            raise
+            raise _rejected(f"cannot read: {error.strerror}", place) from None
     else:
         place = f"{name}:{output / lockfile.LOCK}"
-        text = _of_revision(name, output / lockfile.LOCK, report)
+        text = _of_revision(name, output / lockfile.LOCK)
+    report = Report()
     result = lockfile.read(text, place, report)
     report.stop_if_any()
     return result, place
 
 
-def _of_revision(revision: str, file: Path, report: Report) -> str:
+def _of_revision(revision: str, file: Path) -> str:
     path = os.path.relpath(file).replace(os.sep, "/")
     place = "" if path.startswith("..") else "./"
     try:
         command = ["git", "show", "--end-of-options", f"{revision}:{place}{path}"]
         done = subprocess.run(command, capture_output=True, check=False)
     except OSError:
-        report.error("SHM001", "no such file, and git is not installed", Span(revision))
-    else:
-        if done.returncode == 0:
-            return done.stdout.decode(errors="replace")
+        raise _rejected("no such file, and git is not installed", revision) from None
+    if done.returncode != 0:
         reason = done.stderr.decode(errors="replace").strip().removeprefix("fatal: ").partition("\n")[0]
         hint = "give a layout.lock, its folder, or a git revision; with a revision, -o gives the folder of the lock"
-        report.error("SHM001", f"no such file, and git reports: {reason}", Span(revision), hint=hint)
-    report.stop_if_any()
-    raise AssertionError
+        raise _rejected(f"no such file, and git reports: {reason}", revision, hint)
+    return done.stdout.decode(errors="replace")
+
+
+def _rejected(message: str, place: str, hint: str = "") -> Rejected:
+    return Rejected([Diagnostic("SHM001", message, Span(place), hint=hint)])

@@ -9,7 +9,6 @@ from shmgen.config.entries import Bound, Bounds
 from shmgen.core.diagnostics import Report, closest
 from shmgen.core.model import (
     Array,
-    Element,
     Field,
     FieldType,
     Message,
@@ -110,31 +109,26 @@ def defaulted(schema: Schema, bounds: Bounds) -> dict[TypeName, tuple[str, ...]]
 
 
 def _bounded(field: Field, message: TypeName, bounds: Bounds) -> Field:
-    def element(type_: Element) -> Element:
-        if isinstance(type_, String) and type_.capacity is None:
-            configured = _most_specific(bounds.strings, message, field.name)
-            return replace(type_, capacity=configured.value if configured else bounds.default_string)
-        return type_
-
+    element = element_of(field.type)
+    if isinstance(element, String) and element.capacity is None:
+        capacity = _most_specific(bounds.strings, message, field.name, bounds.default_string)
+        element = replace(element, capacity=capacity)
     bounded: FieldType
     match field.type:
-        case Array(inner, length):
-            bounded = Array(element(inner), length)
-        case Sequence(inner, None):
-            configured = _most_specific(bounds.sequences, message, field.name)
-            bounded = Sequence(element(inner), configured.value if configured else bounds.default_sequence)
-        case Sequence(inner, capacity):
-            bounded = Sequence(element(inner), capacity)
-        case inner:
-            bounded = element(inner)
+        case Array(_, length):
+            bounded = Array(element, length)
+        case Sequence(_, None):
+            bounded = Sequence(element, _most_specific(bounds.sequences, message, field.name, bounds.default_sequence))
+        case Sequence(_, capacity):
+            bounded = Sequence(element, capacity)
+        case _:
+            bounded = element
     return field if bounded == field.type else field._replace(type=bounded, sent=field.sent or field.type)
 
 
-def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str) -> Bound | None:
-    for key in (f"{message.short}.{field}", message.short, message.package):
-        if key in table:
-            return table[key]
-    return None
+def _most_specific(table: Mapping[str, Bound], message: TypeName, field: str, default: int | None) -> int | None:
+    keys = (f"{message.short}.{field}", message.short, message.package)
+    return next((table[key].value for key in keys if key in table), default)
 
 
 def _check_keys(schema: Schema, bounds: Bounds, in_reach: Callable[[], Iterable[TypeName]], report: Report) -> None:
@@ -173,11 +167,8 @@ def _check_owners(
         kind, known = ("message", messages) if slash and package in packages else ("package", {*packages, *at_hand})
         name = owner if kind == "message" else package
         close = closest(name, known, 0.8)
-        hint = (
-            f"did you mean {close}?"
-            if close
-            else f"`shmgen list{f' {package}' if slash else ''}` prints the known names"
-        )
+        command = f"shmgen list {package}" if slash else "shmgen list"
+        hint = f"did you mean {close}?" if close else f"`{command}` prints the known names"
         report.error("SHM502", f"unknown {kind} {name}", bound.span, hint=hint)
 
 
@@ -185,26 +176,18 @@ def _check_field_key(message: Message, name: str, section: str, bound: Bound, re
     field = next((field for field in message.fields if field.name == name), None)
     if field is None:
         close = closest(name, [field.name for field in message.fields])
-        report.error(
-            "SHM502",
-            f"{message.name.short} has no field {name}",
-            bound.span,
-            hint=f"did you mean {close}?" if close else f"`shmgen show {message.name.short}` lists its fields",
-        )
-    elif section == "bounds" and not isinstance(field.type, Sequence):
-        report.error("SHM502", f"{message.name.short}.{name} is not a sequence but {field.written}", bound.span)
-    elif section == "strings" and not isinstance(element_of(field.type), String):
-        report.error("SHM502", f"{message.name.short}.{name} is not a string but {field.written}", bound.span)
-    else:
-        bounded = field.type if section == "bounds" else element_of(field.type)
-        assert isinstance(bounded, Sequence | String)
-        if bounded.capacity is not None and bounded.capacity != bound.value:
-            report.error(
-                "SHM103",
-                f"{message.name.short}.{name} is bounded to {bounded.capacity} by its definition ({field.written})",
-                bound.span,
-                hint="remove this line, or change the definition",
-            )
+        hint = f"did you mean {close}?" if close else f"`shmgen show {message.name.short}` lists its fields"
+        report.error("SHM502", f"{message.name.short} has no field {name}", bound.span, hint=hint)
+        return
+    path = f"{message.name.short}.{name}"
+    bounded = field.type if section == "bounds" else element_of(field.type)
+    expected: type[Sequence | String] = Sequence if section == "bounds" else String
+    noun = "sequence" if section == "bounds" else "string"
+    if not isinstance(bounded, expected):
+        report.error("SHM502", f"{path} is not a {noun} but {field.written}", bound.span)
+    elif bounded.capacity not in (None, bound.value):
+        problem = f"{path} is bounded to {bounded.capacity} by its definition ({field.written})"
+        report.error("SHM103", problem, bound.span, hint="remove this line, or change the definition")
 
 
 def _paths(schema: Schema) -> dict[TypeName, str]:

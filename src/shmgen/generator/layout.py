@@ -36,6 +36,7 @@ from shmgen.core.model import (
     text_length,
 )
 from shmgen.core.plural import counted
+from shmgen.core.type_hash import FILLER
 
 SMALLEST_SLOTS = abi.slots_for(1)
 DEEPEST = 50
@@ -120,7 +121,7 @@ def _message(message: Message, options: TypeOptions, layouts: Mapping[TypeName, 
     size = _pad(slots, paddings, offset, widest)
     draft = Layout(message, tuple(slots), size, widest, 0, options, requested)
     digest = hashlib.sha256(canonical_text(draft, layouts).encode()).digest()[:8]
-    return Layout(message, tuple(slots), size, widest, int.from_bytes(digest, "big"), options, requested)
+    return draft._replace(digest=int.from_bytes(digest, "big"))
 
 
 def _check_values(message: Message, options: TypeOptions, report: Report) -> None:
@@ -160,20 +161,19 @@ def _misfit(text: str, string: String, options: TypeOptions, path: str) -> tuple
 _Member = tuple[str, Element, int | None, Role, Field | None]
 
 
-def _members(message: Message) -> list[_Member]:
-    members: list[_Member] = []
+def _members(message: Message) -> Iterator[_Member]:
     for field in message.fields:
         match field.type:
             case Array(element, length):
-                members.append((field.name, element, length, Role.DATA, field))
+                yield field.name, element, length, Role.DATA, field
             case Sequence(element, capacity):
                 assert capacity is not None, "bounds come before layout"
-                members.append((f"{field.name}_count", Scalar.UINT32, None, Role.COUNT, field))
-                members.append((field.name, element, capacity, Role.DATA, field))
+                yield f"{field.name}_count", Scalar.UINT32, None, Role.COUNT, field
+                yield field.name, element, capacity, Role.DATA, field
             case element:
-                members.append((field.name, element, None, Role.DATA, field))
-    # rosidl uses the same name for the same purpose.
-    return members or [("structure_needs_at_least_one_member", Scalar.UINT8, None, Role.FILLER, None)]
+                yield field.name, element, None, Role.DATA, field
+    if not message.fields:
+        yield FILLER, Scalar.UINT8, None, Role.FILLER, None
 
 
 def _extent(type_: Element, options: TypeOptions, layouts: Mapping[TypeName, Layout]) -> tuple[int, int]:

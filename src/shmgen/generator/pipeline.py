@@ -11,17 +11,20 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from shmgen import definitions
-from shmgen.config import Config, entries
+from shmgen.config import Config
+from shmgen.config.entries import CallEntry
 from shmgen.core.diagnostics import Diagnostic, Report
 from shmgen.core.model import Layouts, Output, Schema, TypeName, TypeOptions
 from shmgen.drift import lockfile
 from shmgen.generator import bounds, layout, resolve
+from shmgen.generator.render import render
 from shmgen.targets import TARGETS, Job, Options, RenderedFile, Target, naming
 
 
 def library(config: Config) -> definitions.Library:
     """Open all available definitions. Raises Rejected. Share the library between calls to read each file once."""
-    return definitions.open_library(_sources(config), Report())
+    sources = definitions.Sources(config.path, config.source, config.root, config.places)
+    return definitions.open_library(sources, Report())
 
 
 def read(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Schema:
@@ -108,9 +111,6 @@ def render_targets(targets: Sequence[Target], keys: Sequence[str], job: Job, rep
         ready = [target for target in waiting if rendered.keys() >= set(target.after)]
         planned = {target.key: _planned(target, waiting, replace(job, rendered=rendered), report) for target in ready}
         report.stop_if_any()
-
-        from shmgen.generator.render import render  # jinja2 takes longer to load than all steps before
-
         texts = render(output for outputs in planned.values() for output in outputs)
         for key, outputs in planned.items():
             rendered[key] = tuple(RenderedFile(output, texts[output.path]) for output in outputs)
@@ -223,50 +223,40 @@ def _diagnostics(config: Config, layouts: Layouts) -> dict[TypeName, tuple[Diagn
     return diagnostics
 
 
-def _sources(config: Config) -> definitions.Sources:
-    return definitions.Sources(config.path, config.source, config.root, config.places)
-
-
 def lock_settings(config: Config) -> dict[str, object]:
     """Return the settings that layout.lock records because they change the output.
 
-    [bounds] is omitted: the layouts in layout.lock already contain the bounds.
+    Some settings are omitted if they have their default value. [bounds] is always omitted: the layouts in layout.lock
+    already contain the bounds.
     """
-    return {
+    mode, sync = config.regions.mode, config.regions.sync
+    settings = {
         "source": config.source,
         "targets": list(config.targets),
         "package": config.package,
-        **({"distribution": config.distribution} if config.distribution else {}),
-        **({"runtime": config.runtime} if config.runtime != "installed" else {}),
-        **({"ros_package": config.ros_package} if config.ros_package else {}),
+        "distribution": config.distribution or None,
+        "runtime": config.runtime if config.runtime != "installed" else None,
+        "ros_package": config.ros_package or None,
         "bool": config.types.bool,
         "time": config.types.time,
-        **({"names": "ros"} if config.types.names == "ros" else {}),
+        "names": "ros" if config.types.names == "ros" else None,
         "encoding": config.types.encoding,
         "overflow": config.types.overflow,
         "topics": [f"{topic.direction} {topic.topic} {topic.type} depth {topic.depth}" for topic in config.topics],
-        **({"services": [_spelled(it.service, it) for it in config.services]} if config.services else {}),
-        **({"actions": [_spelled(it.action, it) for it in config.actions]} if config.actions else {}),
+        "services": [_spelled(entry) for entry in config.services] or None,
+        "actions": [_spelled(entry) for entry in config.actions] or None,
         "task_interval": config.task_interval,
-        **_regions(config),
-        **({"skip_unbounded": True} if config.skip_unbounded else {}),
+        "mode": f"{mode:04o}" if mode is not None else None,
+        "group": config.regions.group or None,
+        "sync": sync if sync != "lock" else None,
+        "skip_unbounded": config.skip_unbounded or None,
     }
+    return {key: value for key, value in settings.items() if value is not None}
 
 
-def _regions(config: Config) -> dict[str, object]:
-    """Return the settings under [regions] that differ from their defaults."""
-    mode, group, sync = config.regions.mode, config.regions.group, config.regions.sync
-    options = {
-        "mode": f"{mode:04o}" if mode is not None else "",
-        "group": group,
-        "sync": sync if sync != "lock" else "",
-    }
-    return {key: value for key, value in options.items() if value}
-
-
-def _spelled(name: str, entry: entries.ServiceEntry | entries.ActionEntry) -> str:
+def _spelled(entry: CallEntry) -> str:
     """Return the line of a service or an action in layout.lock: server, name and type.
 
     The timeout is omitted, because it affects only the bridge.
     """
-    return f"{entry.server} {name} {entry.type}"
+    return f"{entry.server} {entry.name} {entry.type}"

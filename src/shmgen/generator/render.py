@@ -24,10 +24,9 @@ def render(outputs: Iterable[Output]) -> dict[str, str]:
         assert output.path not in texts, f"two outputs at {output.path}"
         if output.template.endswith(".j2"):
             texts[output.path] = _renderers()[output.template](output.view)
-        elif output.template.startswith("shmgen/"):  # a file of this package
-            texts[output.path] = (Path(__file__).parents[2] / output.template).read_text(encoding="utf-8")
-        else:  # a file that is copied unchanged
-            texts[output.path] = (template_folder() / output.template).read_text(encoding="utf-8")
+        else:  # a file that is copied unchanged, from this package or from the templates
+            folder = Path(__file__).parents[2] if output.template.startswith("shmgen/") else template_folder()
+            texts[output.path] = (folder / output.template).read_text(encoding="utf-8")
     return dict(sorted(texts.items()))
 
 
@@ -52,9 +51,8 @@ def _compiled_templates(templates: Path) -> Any:
     name = f"templates-{hashlib.sha256(repr((sys.version, states)).encode()).hexdigest()[:16]}"
     bytecode = cache.read(name)
     if bytecode is None:
-        from shmgen.generator.templates import (
-            compile_templates,  # jinja2 takes longer to load than generating a message
-        )
+        # Imported here, because jinja2 takes longer to load than generating a message.
+        from shmgen.generator.templates import compile_templates
 
         bytecode = marshal.dumps(compile(compile_templates(templates), str(templates), "exec"))
         cache.write(name, bytecode)

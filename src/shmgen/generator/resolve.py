@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from shmgen.config import Config, document
+from shmgen.config.entries import CallEntry
 from shmgen.core.diagnostics import Report, Span
-from shmgen.core.model import Action, Layouts, Service, Topic
+from shmgen.core.model import Action, Layouts, Service, Topic, TypeName
 from shmgen.definitions.folders import shorten
 from shmgen.targets import Source, interfaces
 
@@ -28,34 +29,30 @@ def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
 
 def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
     """Yield the configured services with their types. Reports SHM502 if a type is not a service."""
-    known = {name.short: name for name in interfaces.complete(layouts) if name.kind == "srv"}
-    for service in config.services:
-        if service_type := known.get(service.type.replace("/srv/", "/")):
-            yield Service(service.service, service_type, service.server == "plc", service.timeout, service.span)
-        else:
-            span = config.places.get(service.type, service.span)
-            report.error(
-                "SHM502",
-                f"{service.type} is not a service",
-                span,
-                hint="write the name of a .srv file: package/srv/Name",
-            )
+    return (Service(*call) for call in _calls(config, config.services, layouts, "a service", "a .srv", report))
 
 
 def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
     """Yield the configured actions with their types. Reports SHM502 if a type is not an action."""
-    known = {name.short: name for name in interfaces.complete(layouts) if name.kind == "action"}
-    for action in config.actions:
-        if action_type := known.get(action.type.replace("/action/", "/")):
-            yield Action(action.action, action_type, action.server == "plc", action.timeout, action.span)
+    return (Action(*call) for call in _calls(config, config.actions, layouts, "an action", "an .action", report))
+
+
+def _calls(
+    config: Config, entries: Iterable[CallEntry], layouts: Layouts, what: str, ending: str, report: Report
+) -> Iterator[tuple[str, TypeName, bool, float, Span]]:
+    """Yield the values of a Service or an Action for each entry whose type is generated. Report all other entries.
+
+    `what` and `ending` are for the error, such as "a service" and "a .srv".
+    """
+    kind = ending.rpartition(".")[2]
+    by_name = {name.short: name for name in interfaces.complete(layouts) if name.kind == kind}
+    for entry in entries:
+        if type_ := by_name.get(entry.type.replace(f"/{kind}/", "/")):
+            yield entry.name, type_, entry.server == "plc", entry.timeout, entry.span
         else:
-            span = config.places.get(action.type, action.span)
-            report.error(
-                "SHM502",
-                f"{action.type} is not an action",
-                span,
-                hint="write the name of an .action file: package/action/Name",
-            )
+            span = config.places.get(entry.type, entry.span)
+            hint = f"write the name of {ending} file: package/{kind}/Name"
+            report.error("SHM502", f"{entry.type} is not {what}", span, hint=hint)
 
 
 _COMMENT_OR_STRING = r"(?s)\(\*.*?\*\)|//[^\n]*|'(?:\$.|[^'$\n])*'"

@@ -20,7 +20,7 @@ def compile_templates(folder: Path) -> str:
     for path in paths:
         lines += ["def printer(view):", " out = []", " add = out.append"]
         lines += _rendered(_parse(folder, path), folder, {"view": "view"}, " ")
-        lines += [" return ''.join(out)", f"PRINTERS[{path!r}] = printer"]
+        lines += [" return ''.join(map(str, out))", f"PRINTERS[{path!r}] = printer"]
     return "\n".join(lines) + "\n"
 
 
@@ -41,8 +41,7 @@ def _rendered(body: Iterable[nodes.Node], folder: Path, names: Mapping[str, str]
     for node in body:
         match node:
             case nodes.Output():
-                pieces = "".join(_piece(part, names) for part in node.nodes)
-                yield f"{indent}add(f'{pieces}')"
+                yield from (f"{indent}add({_value(part, names)})" for part in node.nodes)
             case nodes.For(target=nodes.Name(name=name)) if not node.else_:
                 inner = f"{name}_{len(indent)}"  # an inner loop may use the same name
                 yield f"{indent}for {inner} in {_value(node.iter, names)}:"
@@ -59,18 +58,11 @@ def _rendered(body: Iterable[nodes.Node], folder: Path, names: Mapping[str, str]
                 raise ValueError(f"a template holds {node}")
 
 
-def _piece(node: Any, names: Mapping[str, str]) -> str:
-    """Return the Python text for one text or expression of a template, as a part of an f-string in single quotes."""
-    if isinstance(node, (nodes.TemplateData, nodes.Const)):
-        text = node.data if isinstance(node, nodes.TemplateData) else str(node.value)
-        return (
-            f"'{text}"[1:].encode("unicode_escape").decode().replace("'", "\\'").replace("{", "{{").replace("}", "}}")
-        )
-    return f"{{{_value(node, names)}!s}}"
-
-
 def _value(node: Any, names: Mapping[str, str]) -> str:
+    """Return the Python expression for a text, a name or an attribute in a template."""
     match node:
+        case nodes.TemplateData(data=text) | nodes.Const(value=str(text)):
+            return repr(text)
         case nodes.Name(name=name):
             return names.get(name, name)  # an unknown name belongs to the including template
         case nodes.Getattr():

@@ -110,10 +110,10 @@ def _expected(config: Config) -> dict[str, Expected]:
     topics = [(entry.topic, entry.type, entry.depth) for entry in config.topics]
     for service in config.services:
         for half, ending in (("request", "Request"), ("response", "Reply")):
-            topics.append((f"{service.service}-{half}", f"{service.type}_{ending}", 1))
+            topics.append((f"{service.name}-{half}", f"{service.type}_{ending}", 1))
     for action in config.actions:
         for half, ending in (("goal", "Command"), ("feedback", "Progress"), ("result", "Outcome")):
-            topics.append((f"{action.action}-{half}", f"{action.type}_{ending}", 1))
+            topics.append((f"{action.name}-{half}", f"{action.type}_{ending}", 1))
     return {_full(topic): Expected(type_name, depth, config.regions) for topic, type_name, depth in topics}
 
 
