@@ -16,7 +16,7 @@ from shmgen.bridge.common import choice
 from shmgen.bridge.run import run as run_bridge
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.definitions import library
-from shmgen.generator import layout, pipeline, render
+from shmgen.generator import layout, pipeline
 from shmgen.live.classes import ClassRegistry
 from shmgen.live.session import Session
 from shmgen.runtime import Time
@@ -64,7 +64,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     count_calls(library.store, "catalogue", "store")
     count_calls(library, "read")
     count_calls(layout, "lay_out", "layouts")
-    count_calls(render, "render", "classes")
+    count_calls(pipeline, "render", "classes")
     return counts
 
 
