@@ -13,7 +13,7 @@ from shmgen import definitions
 from shmgen.config import Config
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Clock, Layout, Layouts, Ref, Role, Scalar, String, TypeName, TypeOptions
-from shmgen.definitions.wrappers import WRAPPERS
+from shmgen.definitions.catalogue import WRAPPERS
 from shmgen.generator import pipeline
 from shmgen.targets.st import names as st_names
 from tests.definitions.test_corpus import NEEDS_IDL, REJECTED
