@@ -61,10 +61,7 @@ def connect(node: Node) -> Zenoh:
 
 
 class Zenoh(Backend):
-    """The bridge's node in a ROS 2 graph of rmw_zenoh, with the interface of a Backend.
-
-    The functions in `undo` refer to the entities. Zenoh removes an entity if nothing refers to it.
-    """
+    """The bridge's node in a ROS 2 graph of rmw_zenoh, with the interface of a Backend."""
 
     actions = ros2_actions
 
@@ -72,6 +69,7 @@ class Zenoh(Backend):
         super().__init__()
         self._graph, self._session, self._log = graph, graph.session, graph.log
         self._threads: list[threading.Thread] = []
+        self._undo_functions: set[Callable[[], None]] = set()
 
     def publisher(self, wire: Wire) -> RosPublisher:
         cdr = codec(wire.messages)
@@ -88,7 +86,7 @@ class Zenoh(Backend):
         numbers, lock = itertools.count(1), threading.Lock()
         end_watch = self._graph.watch("MS", place, Peers(Identity(*place, self._log)))
         token = self._graph.show("MP", place, quality(best_effort, wire.latch, 1 if wire.latch else wire.queue))
-        self.undo += [token.withdraw, end_watch, out.undeclare]
+        self._until_undone(out.undeclare, end_watch, token.withdraw)
 
         def send(data: bytes) -> None:
             with lock:  # sends in the order of the numbers
@@ -126,7 +124,7 @@ class Zenoh(Backend):
         peers = Peers(identity, sink.set_incompatible_peer)
         end_watch = self._graph.watch("MP", place, peers)
         token = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
-        self.undo += [token.withdraw, end_watch, stop]
+        self._until_undone(stop, end_watch, token.withdraw)
         return RosSubscription(cdr.new, lambda: peers.has_compatible)
 
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
@@ -161,7 +159,7 @@ class Zenoh(Backend):
         stop = self._empty(queryable, take, wire.name)
         end_watch = self._graph.watch("SC", place, Peers(Identity(*place, self._log), refuse_peer))
         token = self._graph.show("SS", place, quality())
-        self.undo += [token.withdraw, end_watch, stop]
+        self._until_undone(stop, end_watch, token.withdraw)
 
     def client(self, wire: ServiceWire) -> RosClient:
         request, response = codec(wire.request), codec(wire.response)
@@ -169,7 +167,7 @@ class Zenoh(Backend):
         servers = Peers(Identity(*place, self._log))
         end_watch = self._graph.watch("SS", place, servers)
         token = self._graph.show("SC", place, quality())
-        self.undo += [token.withdraw, end_watch]
+        self._until_undone(end_watch, token.withdraw)
         key, numbers = self._graph.key(place), itertools.count(1)
         how = {"target": zenoh.QueryTarget.ALL_COMPLETE, "consolidation": zenoh.ConsolidationMode.NONE}
 
@@ -201,6 +199,17 @@ class Zenoh(Backend):
         """Leave the ROS domain. Pending calls end without an answer."""
         self._session.close()
         join_all(self._threads)
+
+    def _until_undone(self, *ends: Callable[[], object]) -> None:
+        """Register `ends`, functions that remove an entity. Without these references, zenoh would remove it at once."""
+
+        def undo() -> None:
+            for end in ends:
+                end()
+            self._undo_functions.discard(undo)
+
+        self._undo_functions.add(undo)
+        self.undo.append(undo)
 
     def _empty(self, entity: Any, take: Callable[[Any], None], name: str) -> Callable[[], None]:
         """Call `take` in a thread with each message of `entity`, in order. Return a function that removes `entity`."""
