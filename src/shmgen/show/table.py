@@ -42,6 +42,11 @@ def rows(layout: Layout, layouts: Layouts) -> list[Row]:
     return list(_rows(layout, layouts, 0, 0, ""))
 
 
+def leaves(layout: Layout, layouts: Layouts) -> list[Row]:
+    """Return the rows of a message, with the fields of a nested message instead of its row. An array is one row."""
+    return [row for row in rows(layout, layouts) if "[0]." not in row.path and (not row.nested or "[" in row.ros)]
+
+
 def table(layout: Layout, layouts: Layouts) -> str:
     """Return a table of offset, size, name, ROS type and IEC type. Fields of nested messages are indented."""
     all_rows = rows(layout, layouts)
