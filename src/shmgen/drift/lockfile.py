@@ -98,15 +98,16 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
 
 def read(text: str, place: str, report: Report) -> Lock:
     """Parse the text of layout.lock. Report SHM408 and return an empty lock if the text is damaged."""
-    lock = _read(text)
-    if lock is None:
+    try:
+        return parse(text)
+    except (KeyError, TypeError, ValueError, AttributeError):
         report.error(
             "SHM408",
             "layout.lock is damaged, so shmgen cannot determine which files are generated",
             Span(place),
             hint="restore it from version control, or delete it and the generated files, and run `shmgen generate`",
         )
-    return lock or Lock()
+        return Lock()
 
 
 def read_requested(text: str, place: str, report: Report) -> Lock:
@@ -123,22 +124,19 @@ def read_requested(text: str, place: str, report: Report) -> Lock:
 
 
 @functools.lru_cache(2)
-def _read(text: str) -> Lock | None:
-    """Parse the text of layout.lock, or return None if the text is damaged.
+def parse(text: str) -> Lock:
+    """Parse the text of layout.lock. Raises KeyError, TypeError, ValueError or AttributeError if the text is damaged.
 
     The last results are cached, because parsing is slow. `check` parses the existing and the new text, which are equal
     in most runs.
     """
-    try:
-        data = toml.loads(text)
-        requested, files = data["requested"], data["files"]
-        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
-            raise ValueError("version")
-        blocks = data.get("messages", {})
-        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
-        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
-    except (KeyError, TypeError, ValueError, AttributeError):
-        return None
+    data = toml.loads(text)
+    requested, files = data["requested"], data["files"]
+    if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
+        raise ValueError("version")
+    blocks = data.get("messages", {})
+    messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
+    return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
 
 
 def short(name: str) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 from shmgen.config import Config
 from shmgen.core.diagnostics import Diagnostic, Rejected
+from shmgen.drift.lockfile import Lock
 from shmgen.live import config_of_lock
 from shmgen.live.regions import View, depth_of, sound, topic_of
 from shmgen.live.session import Session
@@ -83,15 +84,17 @@ class ClassRegistry:
         If both files name a message, its layout comes from shmgen.toml. A damaged layout.lock is ignored, and the
         second value then contains its diagnostics.
         """
+        recorded: dict[str, config_of_lock.Known] = {}
         wrong: tuple[Diagnostic, ...] = ()
         try:
-            lock = config_of_lock.layouts(config_of_lock.read(self.lock), str(self.lock)) if self.lock else {}
+            if lock := self._read_lock():
+                recorded = config_of_lock.layouts(lock, str(self.lock))
         except Rejected as damaged:
-            lock, wrong = {}, damaged.diagnostics
+            wrong = damaged.diagnostics
         layouts = self.session.layouts(dict.fromkeys([*self.config.messages, *self.config.types_used]))
         name = self.session.name
         ours = {str(layout.name): config_of_lock.Known(layout.digest, layout.size, name) for layout in layouts.values()}
-        return lock | ours, wrong
+        return recorded | ours, wrong
 
     def _sessions(self) -> Iterator[Session]:
         yield self.session
@@ -100,8 +103,11 @@ class ClassRegistry:
 
     @cached_property
     def _former(self) -> Session | None:
-        lock = config_of_lock.read(self.lock) if self.lock else {}
+        lock = self._read_lock()
         return Session(config_of_lock.settings(lock, self.config), str(self.lock), self.session) if lock else None
+
+    def _read_lock(self) -> Lock | None:
+        return config_of_lock.read(self.lock) if self.lock else None
 
 
 def subscriber(
