@@ -21,8 +21,6 @@ _MAX_ENTRIES = 20
 _TICK = 20_000_000
 """Longest time in ns that a file's timestamp may lag behind the clock: two timer interrupts at 100 Hz."""
 _SUFFIXES = (".msg", ".srv", ".action", ".idl")
-_PIECE = 1 << 16
-"""Number of bytes per read; most files are shorter."""
 _CONTENT, _STATE, _NAMES = "CSN"
 """Kinds of fingerprints of a path: the bytes of a file, its size and time, the names in a folder."""
 
@@ -131,12 +129,7 @@ def _hash_of_file(path: str) -> str:
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
-        piece = os.read(descriptor, _PIECE)
-        digest = hashlib.sha256(piece)
-        while len(piece) == _PIECE:
-            piece = os.read(descriptor, _PIECE)
-            digest.update(piece)
-        return digest.hexdigest()
+        return _hash_of_bytes(os.read(descriptor, os.fstat(descriptor).st_size))
     finally:
         os.close(descriptor)
 
