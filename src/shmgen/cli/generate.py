@@ -195,10 +195,8 @@ def _of_digest(digest: int, source: options.Source) -> Layouts:
         message = "a digest is searched for in /dev/shm, which only Linux has"
         raise Rejected([Diagnostic("SHM702", message, Span("command line"), hint=hint)])
     from shmgen.cli import common
-    from shmgen.live.digests import find
 
-    registry = common.registry(source)
-    if match := find(registry, digest):
+    if match := common.registry(source).find(digest):
         session, request = match
         return session.layouts([request])
     hint = "it was made with other bounds or types: call this where the shmgen.toml of that side is, or its layout.lock"
