@@ -52,7 +52,6 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     from shmgen.live import processes, regions
     from shmgen.runtime import RegionMissing, ShmError
     from shmgen.tools.doctor import clean as tool
-    from shmgen.tools.doctor import orphan_semaphores
 
     if everything == bool(topics):
         raise click.UsageError("Name topics, or --all; `shmgen doctor` lists what there is.")
@@ -72,7 +71,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     )
     finds = [functools.partial(leftovers, topic) for topic in chosen]
     if everything:
-        finds.append(functools.partial(orphan_semaphores.semaphores, around))
+        finds.append(functools.partial(tool.orphan_semaphores, around))
     stays = False
     for find in finds:
         try:

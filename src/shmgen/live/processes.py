@@ -67,6 +67,10 @@ class Processes:
     mappings: tuple[Mapping, ...]
     hidden: int
 
+    def users(self, status: os.stat_result) -> list[int]:
+        """Return the pids of all processes that have mapped the file with this `status`, in ascending order."""
+        return [mapping.pid for mapping in self.mappings if (mapping.device, mapping.inode) == _file(status)]
+
 
 def look() -> Processes:
     """Return the files of /dev/shm that processes have mapped, for all processes that this user may inspect."""
