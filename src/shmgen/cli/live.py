@@ -239,7 +239,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
     from shmgen.tools.watch import screen
 
     number = 1 if once else count
-    if screen.can_draw() and number is None and not as_json:
+    if common.can_draw() and number is None and not as_json:
         screen.run(delay)
         return
     past: tool.Past = {}
