@@ -28,10 +28,6 @@ class Mapping:
     removed: bool
     addresses: str
 
-    @property
-    def semaphore(self) -> bool:
-        return self.name.startswith("sem.")
-
     def is_region(self) -> bool | None:
         """Return True if the file begins with the magic number of a region, otherwise False.
 

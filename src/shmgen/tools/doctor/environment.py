@@ -34,7 +34,7 @@ def of_detached(processes: Processes, names: Collection[str], requested: Collect
             continue
         topic, who = topic_of(region), f"process {mapping.pid} ({called(mapping.pid)})"
         file = f"/dev/shm/{mapping.name}"
-        if mapping.semaphore:
+        if region != mapping.name:  # a semaphore
             if mapping.removed and mapping.device == ours and region in names and semaphore(region):
                 message = f"{who} uses a semaphore that was removed, so its lock excludes no other process"
                 yield Problem(topic, message, f"restart process {mapping.pid}", file, mapping.pid)
