@@ -99,9 +99,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def _remove_orphan_semaphores(since: float) -> None:
     """Remove the temporary file that glibc leaves if a process is killed while it creates a semaphore."""
     from shmgen.live import processes
-    from shmgen.tools.doctor import orphan_semaphores
+    from shmgen.tools.doctor.clean import orphan_semaphores
 
-    for file in orphan_semaphores.semaphores(processes.look()):
+    for file in orphan_semaphores(processes.look()):
         with suppress(OSError):
             if os.lstat(file).st_ctime > since:
                 os.unlink(file)

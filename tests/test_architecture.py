@@ -30,7 +30,7 @@ ARROWS: dict[str, set[str]] = {
     "config": {"core", "targets"},
     "generator": {"config", "core", "definitions", "drift", "targets"},
     "show": {"core", "generator", "targets"},
-    "live": {"config", "core", "definitions", "generator", "runtime"},
+    "live": {"config", "core", "definitions", "drift", "generator", "runtime"},
     "tools": {"config", "core", "live", "runtime", "targets"},
     "bridge": {"_alarm", "config", "core", "generator", "live", "runtime", "targets"},
     "view": {"core", "live", "runtime", "show", "targets", "tools"},

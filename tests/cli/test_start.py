@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from shmgen import __version__
-from shmgen.cli import init, install_source
+from shmgen.cli import init
 
 from ..conftest import REPOSITORY
 from ..drift.test_check import write
@@ -110,12 +110,12 @@ def test_ci_installs_the_installed_version(
     monkeypatch: pytest.MonkeyPatch, direct_url: dict[str, Any] | None, requirement: str | None
 ) -> None:
     text = direct_url and json.dumps(direct_url)
-    monkeypatch.setattr(install_source, "distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
-    assert install_source.requirement() == requirement
+    monkeypatch.setattr(init, "distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
+    assert init.requirement() == requirement
 
 
 def test_ci_cannot_install_a_local_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(install_source, "requirement", lambda: None)
+    monkeypatch.setattr(init, "requirement", lambda: None)
     result = run(["init", "--ci"], tmp_path)
     assert result.code == 2
     assert "--from 'shmgen[idl] @ git+https://" in result.stderr

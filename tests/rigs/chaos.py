@@ -38,7 +38,7 @@ from shmgen.core.model import TypeName
 from shmgen.generator import pipeline
 from shmgen.live import processes
 from shmgen.runtime import LockTimeout, RegionInUse, RegionMissing, engine, read_header, reference, region_name
-from shmgen.tools.doctor import clean, orphan_semaphores
+from shmgen.tools.doctor import clean
 
 from ..support import cpp_peer, engines
 from ..support.build import classes, put
@@ -547,9 +547,9 @@ def _clean_unfinished_semaphores(before: set[Path], verdict: Verdict) -> None:
     """Remove the temporary files that killed processes left. Add a fault if shmgen does not recognize one of them."""
     if not (left := _unfinished_semaphores() - before):
         return
-    time.sleep(orphan_semaphores.AGE + 0.1)
+    time.sleep(clean.AGE + 0.1)
     left &= _unfinished_semaphores()
-    known = {Path(file) for file in orphan_semaphores.semaphores(processes.look())}
+    known = {Path(file) for file in clean.orphan_semaphores(processes.look())}
     for file in left - known:
         with suppress(RegionMissing, ValueError):
             known |= {Path(file) for file in clean.leftovers(file.name.removeprefix("sem."))}

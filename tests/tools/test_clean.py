@@ -138,7 +138,7 @@ import mmap, os, sys, threading, time
 from pathlib import Path
 from tests.support import seccomp
 from tests.support.command import run
-from shmgen.tools.doctor import orphan_semaphores
+from shmgen.tools.doctor import clean
 
 def killed_at(call):
     pid = os.fork()
@@ -165,7 +165,7 @@ with open(shm / "sem.uSeD01", "r+b") as used:
     map = mmap.mmap(used.fileno(), 32)
 opened = open(shm / "sem.oPeN01")
 print(run(["clean", "--all", "--dry-run"], Path("/")).stdout, end="")
-time.sleep(orphan_semaphores.AGE)
+time.sleep(clean.AGE)
 young = shm / "sem.y0UnGx"
 young.write_bytes(bytes(32))
 def stay_young():  # even on a slow machine

@@ -17,9 +17,9 @@ import pytest
 from shmgen.config import Config
 from shmgen.live.classes import publisher
 from shmgen.live.session import Session
-from shmgen.tools.messages import csv as rows_of_csv
 from shmgen.tools.messages import parse as typed
 from shmgen.tools.messages import paths
+from shmgen.tools.messages.echo import csv_row, csv_titles
 from shmgen.tools.watch import overview
 
 POSE = '{header: {frame_id: "a\\u001b[31mb, c"}, pose: {position: {x: 2.5}}}'
@@ -125,8 +125,8 @@ def test_csv_puts_a_sequence_into_one_column(tmp_path):
     session = Session(Config(tmp_path, path=(tmp_path,)))
     kind = session.message("s_msgs/All")
     message = typed.build(kind, {"many": [1.5, float("nan")], "two": [1, 2], "ok": True, "points": [{"x": 1.0}]})
-    assert rows_of_csv.titles(kind()) == ["many", "two[0]", "two[1]", "ok", "points"]
-    assert rows_of_csv.row(message) == ['[1.5, "NaN"]', "1", "2", "true", '[{"x": 1.0, "y": 0.0, "z": 0.0}]']
+    assert csv_titles(kind()) == ["many", "two[0]", "two[1]", "ok", "points"]
+    assert csv_row(message) == ['[1.5, "NaN"]', "1", "2", "true", '[{"x": 1.0, "y": 0.0, "z": 0.0}]']
     get = paths.getter(kind, "points[0].x")
     assert (get(message), get(kind())) == (1.0, None)
     assert not paths.condition(kind, "points[1].x == 0")(message)

@@ -31,14 +31,15 @@ from shmgen.config import Config  # noqa: E402
 from shmgen.config.entries import Bounds  # noqa: E402
 from shmgen.live.classes import ClassRegistry, publisher, subscriber  # noqa: E402
 from shmgen.live.session import Session  # noqa: E402
-from shmgen.runtime import region_name  # noqa: E402
+from shmgen.runtime import RegionMissing, region_name  # noqa: E402
 from shmgen.runtime.region.names import region_file  # noqa: E402
+from shmgen.show.table import leaves  # noqa: E402
 from shmgen.tools.messages import parse  # noqa: E402
 from shmgen.tools.watch import overview  # noqa: E402
 from shmgen.view.app import Viewer  # noqa: E402
 from shmgen.view.curves import _thinned  # noqa: E402
 from shmgen.view.memory import Memory  # noqa: E402
-from shmgen.view.source import Source, stretches  # noqa: E402
+from shmgen.view.source import Source  # noqa: E402
 
 from .browser import Page  # noqa: E402
 
@@ -364,7 +365,9 @@ def test_source_reopens_a_replaced_region(topic, registry, tmp_path):
             assert source.toggle("data")
             assert source.memory(16, 8).startswith(bytes(kind(data=value)))
         assert run(["clean", topic, "--force"], tmp_path).code == 0
-    assert [path for _, _, path in stretches(source.layout, source.layouts)] == ["data"]
+        with pytest.raises(RegionMissing):
+            source.look()
+    assert [row.path for row in leaves(source.layout, source.layouts)] == ["data"]
     source.close()
     points = [(float(x), float(x == 500)) for x in range(1000)]
     assert (500.0, 1.0) in _thinned(points, 40)

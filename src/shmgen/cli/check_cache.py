@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from shmgen.core import cache
 
@@ -21,8 +21,6 @@ _MAX_ENTRIES = 20
 _TICK = 20_000_000
 """Longest time in ns that a file's timestamp may lag behind the clock: two timer interrupts at 100 Hz."""
 _SUFFIXES = (".msg", ".srv", ".action", ".idl")
-_PIECE = 1 << 16
-"""Number of bytes per read; most files are shorter."""
 _CONTENT, _STATE, _NAMES = "CSN"
 """Kinds of fingerprints of a path: the bytes of a file, its size and time, the names in a folder."""
 
@@ -54,42 +52,24 @@ def load(arguments: Sequence[str]) -> str | None:
     return output.replace("\0", "\n")
 
 
-def store(
-    arguments: Sequence[str],
-    output: str,
-    folders: Iterable[str],
-    files: Sequence[str],
-    began: int,
-    written: Mapping[str, str] | None = None,
-) -> None:
+def store(arguments: Sequence[str], output: str, folders: Iterable[str], files: Sequence[str], began: int) -> None:
     """Store the output of a command, with fingerprints of the files that the output depends on.
 
     * `folders` are searched for definitions. `files` are all other paths that the command has read or tried to read.
-    * `began` is the start of the command, in ns since 1970. If a file has changed since, nothing is stored.
-    * `written` maps the paths of files that the command wrote to their texts. These files may have changed since
-      `began`; their fingerprints are computed from the texts.
+    * `began` is the start of the command, in ns since 1970. If a file has changed since, nothing is stored. A command
+      that wrote a file therefore has no entry.
     """
     if not hasattr(os, "geteuid"):  # Windows: cache.py stores nothing there
         return
-    written = written or {}
-    places = dict.fromkeys(os.path.dirname(file) or "." for file in files)
-    fresh = {os.path.dirname(file) or "." for file in written}
-    definitions = {line for folder in folders for line in _definitions(folder)}
     watched = [
         *(f"{_CONTENT}{file}" for file in files),
-        *(f"{_NAMES}{place}" for place in places),
-        *definitions,
+        *(f"{_NAMES}{place}" for place in {os.path.dirname(file) or "." for file in files}),
+        *(line for folder in folders for line in _definitions(folder)),
         *(f"{_STATE}{file}" for file in _tool_files()),
     ]
-    own = {_CONTENT + file for file in written} | {_NAMES + place for place in fresh}
-    is_staged = any(name.endswith(".tmp") for place in fresh for name in os.listdir(place))  # files of a concurrent run
-    if is_staged or _latest_ctime(line for line in watched if line not in own or line in definitions) > began - _TICK:
+    if _latest_ctime(watched) > began - _TICK:
         return
     now = {line: _fingerprint(line) for line in watched}
-    _write(arguments, output, now | {_CONTENT + file: _hash_of_bytes(text.encode()) for file, text in written.items()})
-
-
-def _write(arguments: Sequence[str], output: str, now: Mapping[str, str]) -> None:
     text = "\n".join([output.replace("\n", "\0"), *(f"{seen} {line}" for line, seen in now.items())])
     if text.count("\n") == len(now):  # otherwise a name contains a line feed
         cache.write(_name(arguments), text.encode(errors="surrogateescape"))
@@ -131,12 +111,7 @@ def _hash_of_file(path: str) -> str:
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
-        piece = os.read(descriptor, _PIECE)
-        digest = hashlib.sha256(piece)
-        while len(piece) == _PIECE:
-            piece = os.read(descriptor, _PIECE)
-            digest.update(piece)
-        return digest.hexdigest()
+        return _hash_of_bytes(os.read(descriptor, os.fstat(descriptor).st_size))
     finally:
         os.close(descriptor)
 

@@ -198,6 +198,11 @@ def can_overwrite(stream: TextIO) -> bool:
     return stream.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
+def can_draw() -> bool:
+    """Return True if standard input and output are a terminal that can draw."""
+    return sys.stdin.isatty() and can_overwrite(sys.stdout)
+
+
 def fitting(line: str) -> str:
     """Shorten a line so that the terminal does not wrap it."""
     return line[: max(1, shutil.get_terminal_size().columns - 1)]

@@ -144,16 +144,16 @@ def init(hook: bool, ci: bool, origin: str | None) -> None:
     """
     import shlex
 
-    from shmgen.cli import init, install_source
+    from shmgen.cli import init
 
-    requirement = (origin or install_source.requirement()) if ci else ""
+    requirement = (origin or init.requirement()) if ci else ""
     if requirement is None:
         reason = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
         raise click.UsageError(
             f"{reason}; add --from 'shmgen[idl] @ git+https://HOST/shmgen', or whatever pip is to install there"
         )
-    proposal = init.propose(Path.cwd())
-    files = {"shmgen.toml": proposal.configuration} if proposal.configuration else {}
+    configuration, advice = init.propose(Path.cwd())
+    files = {"shmgen.toml": configuration} if configuration else {}
     files |= {init.HOOK_FILE: init.HOOK} if hook else {}
     files |= {init.CI_FILE: init.CI.format(requirement=shlex.quote(requirement))} if ci else {}
     for path, text in files.items():
@@ -170,7 +170,7 @@ def init(hook: bool, ci: bool, origin: str | None) -> None:
             except OSError as error:
                 raise Rejected([Diagnostic("SHM007", f"cannot write: {error.strerror}", Span(path))]) from error
             click.echo(f"{path} written")
-    click.echo("\n".join(proposal.advice))
+    click.echo("\n".join(advice))
     if hook:
         click.echo("  pre-commit install    once in each clone; to have it: pipx install pre-commit")
 

@@ -111,21 +111,20 @@ def generate(
         leftovers = sorted(set(lock.files) - set(texts))
         written = write(output, texts, leftovers, last=lockfile.LOCK, former=lock_bytes)
     skipped = [] if quiet or not skip_unbounded else list(requested.left_out(config, requests))
+    summary = "" if quiet else _summary(output, len(texts), skipped, written.changed, len(written.removed))
+    click.echo(summary, nl=False)
     if not quiet:
-        click.echo(_summary(output, len(texts), skipped, written.changed, len(written.removed)), nl=False)
         listed = names_in(output, [*texts, *(f"{key}/" for key in KEYS)])
         for stray in unlisted(output, texts, listed):
             click.echo(f"{output / stray}: not in layout.lock, so it is left over: delete it, or keep it elsewhere")
-    own = {os.path.join(output, path): texts[path] for path in written.changed}
     files = [*(os.path.join(output, path) for path in texts), *map(str, locks)]
     if depfile and opened:
         files.append(str(depfile))
-        own |= _write_depfile(depfile, filter(None, [source.file_used(), *locks, *opened.files()]))
-    summary = "" if quiet else _summary(output, len(texts), skipped)
-    requested.remember(summary, config, requests, source.file, files, began, own)
+        _write_depfile(depfile, filter(None, [source.file_used(), *locks, *opened.files()]))
+    requested.remember(summary, config, requests, source.file, files, began)
 
 
-def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence[str] = (), removed: int = 0) -> str:
+def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence[str], removed: int) -> str:
     """Return the text that `generate` prints at its end: numbers of files, changed files, and skipped messages."""
     removed_text = f", {removed} removed" if removed else ""
     lines = [f"{output}: {counted(len(changed), 'file')} written, {total - len(changed)} unchanged{removed_text}"]
@@ -136,17 +135,15 @@ def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence
     return "".join(f"{line}\n" for line in lines)
 
 
-def _write_depfile(file: Path, read: Iterable[Path]) -> dict[str, str]:
-    """Write a dependency file for make, with `read` as inputs. Return {path: text} if the file changed, else {}."""
+def _write_depfile(file: Path, read: Iterable[Path]) -> None:
+    """Write a dependency file for make, with `read` as inputs, if its text changes."""
     target, *names = (
         re.sub("([ #])", r"\\\1", path.absolute().as_posix().replace("$", "$$"))
         for path in (file.with_suffix(""), *read)
     )
     text = f"{target}: {' '.join(names)}\n"
-    if file.is_file() and file.read_text(encoding="utf-8") == text:
-        return {}
-    file.write_text(text, encoding="utf-8")
-    return {str(file): text}
+    if not file.is_file() or file.read_text(encoding="utf-8") != text:
+        file.write_text(text, encoding="utf-8")
 
 
 @click.command()
@@ -195,10 +192,8 @@ def _of_digest(digest: int, source: options.Source) -> Layouts:
         message = "a digest is searched for in /dev/shm, which only Linux has"
         raise Rejected([Diagnostic("SHM702", message, Span("command line"), hint=hint)])
     from shmgen.cli import common
-    from shmgen.live.digests import find
 
-    registry = common.registry(source)
-    if match := find(registry, digest):
+    if match := common.registry(source).find(digest):
         session, request = match
         return session.layouts([request])
     hint = "it was made with other bounds or types: call this where the shmgen.toml of that side is, or its layout.lock"

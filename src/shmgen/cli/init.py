@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
-from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
+from shmgen import __version__
 from shmgen import config as configuration
 from shmgen.config import Config
 from shmgen.core.diagnostics import Diagnostic, Rejected, Report
@@ -47,24 +48,33 @@ jobs:
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Proposal:
-    """The result of `shmgen init`: the proposed text of shmgen.toml, and advice to print at the end.
+def requirement() -> str | None:
+    """Return the requirement with which pip installs the same shmgen on a CI machine, such as `shmgen[idl]==1.0`.
 
-    The text is `""` if the folder already has a configuration.
+    The source of this shmgen is in pip's direct_url.json (PEP 610). Return None if shmgen was installed from a local
+    folder.
     """
+    try:
+        noted = distribution("shmgen").read_text("direct_url.json")
+    except PackageNotFoundError:
+        return None
+    if noted is None:
+        return f"shmgen[idl]=={__version__}"
+    origin = json.loads(noted)
+    if "vcs_info" in origin:
+        vcs = origin["vcs_info"]
+        return f"shmgen[idl] @ {vcs['vcs']}+{origin['url']}@{vcs['commit_id']}"
+    return None if origin["url"].startswith("file:") else f"shmgen[idl] @ {origin['url']}"
 
-    configuration: str
-    advice: tuple[str, ...]
 
+def propose(folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Return a shmgen.toml for the message packages in and below a folder, and lines of advice to print at the end.
 
-def propose(folder: Path) -> Proposal:
-    """Return a shmgen.toml for the message packages in and below a folder, with all bounds that their messages need.
-
-    Raises Rejected if a definition is invalid.
+    The shmgen.toml has all bounds that the messages need, and is `""` if the folder already has a configuration. Raises
+    Rejected if a definition is invalid.
     """
     if there := configuration.find(folder):
-        return Proposal("", (f"{there.name} has a configuration, and is left as it is", "", *_next(True)))
+        return "", (f"{there.name} has a configuration, and is left as it is", "", *_next(True))
     report = Report()
     packages = {
         name: same_named for name, same_named in catalogue(folder, folder, report).items() if same_named[0].definitions
@@ -83,7 +93,7 @@ def propose(folder: Path) -> Proposal:
     if broken:
         raise Rejected(broken)
     text = _text(sorted(packages), places, source, list(missing))
-    return Proposal(text, (_summary(packages, missing), "", *_next(bool(packages))))
+    return text, (_summary(packages, missing), "", *_next(bool(packages)))
 
 
 def _text(packages: list[str], places: list[str], source: str, missing: list[str]) -> str:

@@ -32,14 +32,14 @@ def configured(config: Config, folders: Iterable[Path], opened: Library) -> Conf
     in_reach = set(map(str, opened.known()))
     for folder in folders:
         lock = config_of_lock.read(folder / lockfile.LOCK)
-        if not lock:
+        if lock is None:
             hint = "give a folder that `shmgen generate` has written"
             raise Rejected([Diagnostic("SHM407", "layout.lock is missing", Span(str(folder)), hint=hint)])
-        messages = {name: message for name, message in lock["messages"].items() if name in in_reach}
-        linked_bounds = config_of_lock.settings(lock | {"messages": messages}, config).bounds
+        messages = {name: block for name, block in lock.messages.items() if name in in_reach}
+        linked_bounds = config_of_lock.settings(replace(lock, messages=messages), config).bounds
         strings |= linked_bounds.strings
         sequences |= linked_bounds.sequences
-        files |= lock["files"] | dict.fromkeys(lock["requested"], "")
+        files |= {**lock.files, **dict.fromkeys(lock.requested, "")}
     bounds = config.bounds._replace(
         strings=strings | {**config.bounds.strings}, sequences=sequences | {**config.bounds.sequences}
     )

@@ -52,7 +52,6 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     from shmgen.live import processes, regions
     from shmgen.runtime import RegionMissing, ShmError
     from shmgen.tools.doctor import clean as tool
-    from shmgen.tools.doctor import orphan_semaphores
 
     if everything == bool(topics):
         raise click.UsageError("Name topics, or --all; `shmgen doctor` lists what there is.")
@@ -72,7 +71,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     )
     finds = [functools.partial(leftovers, topic) for topic in chosen]
     if everything:
-        finds.append(functools.partial(orphan_semaphores.semaphores, around))
+        finds.append(functools.partial(tool.orphan_semaphores, around))
     stays = False
     for find in finds:
         try:
@@ -240,7 +239,7 @@ def top(delay: float, once: bool, count: int | None, as_json: bool) -> None:
     from shmgen.tools.watch import screen
 
     number = 1 if once else count
-    if screen.can_draw() and number is None and not as_json:
+    if common.can_draw() and number is None and not as_json:
         screen.run(delay)
         return
     past: tool.Past = {}

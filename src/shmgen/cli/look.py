@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import asdict
 from itertools import islice
 from typing import Any
 
@@ -85,7 +86,7 @@ def _report(name: str, measure: str, summary: str, add_options: Callable[[Any], 
         reports = tool.reports(getattr(tool, measure), topic, registry, window, timeout, common.note)
         try:
             for report in islice(reports, count):
-                click.echo(json.dumps(report.plain()) if as_json else str(report))
+                click.echo(json.dumps(asdict(report)) if as_json else str(report))
         finally:
             reports.close()
 

@@ -68,24 +68,18 @@ def left_out(config: Config, requests: Iterable[str]) -> list[str]:
 
 
 def remember(
-    output: str,
-    config: Config,
-    requests: Iterable[str],
-    config_file: Path | None,
-    files: Iterable[str],
-    began: int,
-    written: Mapping[str, str] | None = None,
+    output: str, config: Config, requests: Iterable[str], config_file: Path | None, files: Iterable[str], began: int
 ) -> None:
-    """Store in the cache that this command had nothing to do and printed `output`.
+    """Store in the cache that this command printed `output`, if the command had nothing to do.
 
-    `files` are the paths of the generated files. `began` and `written` are those of check_cache.store(). Nothing is
-    stored if a definition is requested by path or comes from a sourced ROS, because the cache cannot watch its file.
+    `files` are the paths of the generated files, and `began` is that of check_cache.store(). Nothing is stored if a
+    definition is requested by path or comes from a sourced ROS, because the cache cannot watch its file.
     """
     anywhere = config.source == "env" or any(Path(request).suffix for request in requests)
     if not anywhere:
         configurations = [str(config_file)] if config_file else ["shmgen.toml", "pyproject.toml"]
         read = [*configurations, *map(str, config.sources), *files]
-        check_cache.store(sys.argv[1:], output, map(str, config.path), read, began, written)
+        check_cache.store(sys.argv[1:], output, map(str, config.path), read, began)
 
 
 def _skip_hint(config: Config, requests: Iterable[str]) -> Iterator[str]:

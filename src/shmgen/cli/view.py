@@ -88,7 +88,7 @@ def _in_terminal(topic: str | None, fields: tuple[str, ...], allow_write: bool, 
     from shmgen.view.app import Viewer
 
     driven = bool(os.environ.get("TEXTUAL_DRIVER"))
-    if not driven and not (sys.stdin.isatty() and common.can_overwrite(sys.stdout)):
+    if not driven and not common.can_draw():
         hint = "run it in a terminal; `shmgen topics` and `shmgen echo` print lines"
         raise Rejected([Diagnostic("SHM702", "no terminal to draw on", Span("standard output"), hint=hint)])
     Viewer(common.registry(source), allow_write=allow_write, topic=topic, fields=fields).run()

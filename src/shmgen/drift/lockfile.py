@@ -98,13 +98,7 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
 def read(text: str, place: str, report: Report) -> Lock:
     """Parse the text of layout.lock. Report SHM408 and return an empty lock if the text is damaged."""
     try:
-        data = toml.loads(text)
-        requested, files = data["requested"], data["files"]
-        if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
-            raise ValueError("version")
-        blocks = data.get("messages", {})
-        messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
-        return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
+        return parse(text)
     except (KeyError, TypeError, ValueError, AttributeError):
         what = "layout.lock is damaged, so shmgen cannot determine which files are generated"
         hint = "restore it from version control, or delete it and the generated files, and run `shmgen generate`"
@@ -123,6 +117,17 @@ def read_requested(text: str, place: str, report: Report) -> Lock:
     if not has_messages or len(files) < listed.count("\n"):
         return read(text, place, report)
     return replace(read(f"{head}\n[files]\n", place, report), files=files)
+
+
+def parse(text: str) -> Lock:
+    """Parse the text of layout.lock. Raises KeyError, TypeError, ValueError or AttributeError if the text is damaged."""
+    data = toml.loads(text)
+    requested, files = data["requested"], data["files"]
+    if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
+        raise ValueError("version")
+    blocks = data.get("messages", {})
+    messages = {name: _read_block(block, blocks) for name, block in blocks.items()}
+    return Lock(tuple(requested), dict(data.get("settings", {})), messages, dict(files))
 
 
 def short(name: str) -> str:

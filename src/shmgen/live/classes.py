@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from shmgen.config import Config
 from shmgen.core.diagnostics import Diagnostic, Rejected
+from shmgen.drift.lockfile import Lock
 from shmgen.live import config_of_lock
-from shmgen.live.regions import View, depth_of, sound, topic_of
+from shmgen.live.regions import View, depth_of, live, sound, topic_of
 from shmgen.live.session import Session
 from shmgen.runtime import (
     ActionClient,
@@ -24,7 +26,7 @@ from shmgen.runtime import (
     ServiceServer,
     Subscriber,
 )
-from shmgen.runtime.errors import LayoutMismatch
+from shmgen.runtime.errors import LayoutMismatch, ShmError
 
 
 class ClassRegistry:
@@ -83,15 +85,41 @@ class ClassRegistry:
         If both files name a message, its layout comes from shmgen.toml. A damaged layout.lock is ignored, and the
         second value then contains its diagnostics.
         """
+        recorded: dict[str, config_of_lock.Known] = {}
         wrong: tuple[Diagnostic, ...] = ()
         try:
-            lock = config_of_lock.layouts(config_of_lock.read(self.lock), str(self.lock)) if self.lock else {}
+            if lock := self._read_lock():
+                recorded = config_of_lock.layouts(lock, str(self.lock))
         except Rejected as damaged:
-            lock, wrong = {}, damaged.diagnostics
+            wrong = damaged.diagnostics
         layouts = self.session.layouts(dict.fromkeys([*self.config.messages, *self.config.types_used]))
         name = self.session.name
         ours = {str(layout.name): config_of_lock.Known(layout.digest, layout.size, name) for layout in layouts.values()}
-        return lock | ours, wrong
+        return recorded | ours, wrong
+
+    def find(self, digest: int) -> tuple[Session, str] | None:
+        """Return the name of the message whose layout has this digest, and the session with this layout, or None.
+
+        Raises Rejected if the definitions of the configuration cannot be read, or its messages have no layout.
+        """
+        for name in dict.fromkeys(self._likely(digest)):
+            with suppress(Rejected, ShmError, ValueError):
+                return self.session_of(name, digest), name
+        return None
+
+    def _likely(self, digest: int) -> Iterator[str]:
+        """Yield names of messages for a search by digest, the most likely first.
+
+        First come messages of live regions and known layouts with this digest, then all other messages.
+        """
+        for region in live():
+            with suppress(ShmError, OSError), View(region) as view:
+                header = view.header()
+                if header.digest == digest:
+                    yield header.type_name
+        layouts, _ = self.known()
+        yield from (name for name, known in layouts.items() if known.digest == digest)
+        yield from map(str, self.session.library.known())
 
     def _sessions(self) -> Iterator[Session]:
         yield self.session
@@ -100,8 +128,11 @@ class ClassRegistry:
 
     @cached_property
     def _former(self) -> Session | None:
-        lock = config_of_lock.read(self.lock) if self.lock else {}
+        lock = self._read_lock()
         return Session(config_of_lock.settings(lock, self.config), str(self.lock), self.session) if lock else None
+
+    def _read_lock(self) -> Lock | None:
+        return config_of_lock.read(self.lock) if self.lock else None
 
 
 def subscriber(

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from shmgen.config import Config
 from shmgen.config.entries import Bound, Bounds
-from shmgen.core import files, toml
+from shmgen.core import files
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.core.model import TypeOptions
 from shmgen.core.plural import counted
+from shmgen.drift import lockfile
+from shmgen.drift.lockfile import Lock
 
 LOCK = Path("generated", "layout.lock")
 """Default path of layout.lock, relative to the folder of shmgen.toml."""
@@ -33,17 +34,17 @@ class Known:
         return f"digest 16#{self.digest:016X}, {counted(self.size, 'byte')}, by {self.origin}"
 
 
-def read(file: Path) -> dict[str, Any]:
-    """Return the content of layout.lock, or `{}` if the file is missing.
+def read(file: Path) -> Lock | None:
+    """Return the content of layout.lock, or None if the file is missing.
 
     Raises Rejected (SHM408) if the file is damaged.
     """
     try:
-        lock = toml.loads(files.read_file(file).decode())
+        lock = lockfile.parse(files.read_file(file).decode())
         layouts(lock, str(file))
         settings(lock, Config(Path()))
     except OSError:
-        return {}
+        return None
     except (KeyError, TypeError, ValueError, AttributeError):
         hint = "restore it from version control, or delete it and the generated files, and run `shmgen generate`"
         message = "layout.lock is damaged, so shmgen cannot determine the settings of the generated files"
@@ -51,46 +52,29 @@ def read(file: Path) -> dict[str, Any]:
     return lock
 
 
-def layouts(lock: dict[str, Any], origin: str) -> dict[str, Known]:
+def layouts(lock: Lock, origin: str) -> dict[str, Known]:
     """Return the layout of each message in layout.lock, by the message's name, such as `geometry_msgs/msg/Pose`."""
-    messages = lock.get("messages", {})
-    return {name: Known(int(message["digest"], 16), message["size"], origin) for name, message in messages.items()}
+    return {name: Known(int(block.digest, 16), block.size, origin) for name, block in lock.messages.items()}
 
 
-def settings(lock: dict[str, Any], config: Config) -> Config:
+def settings(lock: Lock, config: Config) -> Config:
     """Return a copy of `config` whose source, types and bounds are those in layout.lock.
 
-    `lock` is the parsed layout.lock. All other settings stay as in `config`.
+    All other settings stay as in `config`.
     """
-    recorded = lock["settings"]
+    recorded = lock.settings
     types = TypeOptions(recorded["bool"], recorded["time"], recorded["encoding"], recorded["overflow"])
     strings: dict[str, Bound] = {}
     sequences: dict[str, Bound] = {}
-    for name, message in lock["messages"].items():
+    for name, block in lock.messages.items():
         package, _, bare = name.split("/")
-        counted_field = ""
-        for offset, field, type_, count, role in map(_slot, message["slots"]):
-            key = f"{package}/{bare}.{field}"
-            if role == "count":
-                counted_field = field.removesuffix("_count")
-            elif not role and field == counted_field:
-                sequences[key] = Bound(int(count), Span(f"{LOCK}", int(offset)))
-            if not role and (text := _STRING.fullmatch(type_)):
-                strings[key] = Bound(int(text[1]), Span(f"{LOCK}", int(offset)))
+        for entry in block.fields.values():
+            key, place = f"{package}/{bare}.{entry.name}", Span(f"{LOCK}", entry.offset)
+            if entry.is_sequence and entry.count is not None:
+                sequences[key] = Bound(entry.count, place)
+            if text := _STRING.fullmatch(entry.type):
+                strings[key] = Bound(int(text[1]), place)
     return replace(config, source=recorded["source"], types=types, bounds=Bounds(strings, sequences))
 
 
-_SLOT = re.compile(r"(\d+) (\S+) (\S+?)(?:\[(\d+)\])?(?: \((\w+)\))?")
 _STRING = re.compile(r"w?string<=(\d+)")
-
-
-def _slot(line: str) -> tuple[str, str, str, str, str]:
-    """Split a line of layout.lock, such as `44 name string<=80[8]`, into offset, name, type, count and role.
-
-    The role is `""` for the data of a field, otherwise a word such as `count` or `padding`.
-    """
-    match = _SLOT.fullmatch(line)
-    if match is None:
-        raise ValueError(f"{LOCK}: {line!r} is no slot")
-    offset, name, type_, count, role = match.groups("")
-    return offset, name, type_, count, role

@@ -28,10 +28,6 @@ class Mapping:
     removed: bool
     addresses: str
 
-    @property
-    def semaphore(self) -> bool:
-        return self.name.startswith("sem.")
-
     def is_region(self) -> bool | None:
         """Return True if the file begins with the magic number of a region, otherwise False.
 
@@ -66,6 +62,10 @@ class Processes:
 
     mappings: tuple[Mapping, ...]
     hidden: int
+
+    def users(self, status: os.stat_result) -> list[int]:
+        """Return the pids of all processes that have mapped the file with this `status`, in ascending order."""
+        return [mapping.pid for mapping in self.mappings if (mapping.device, mapping.inode) == _file(status)]
 
 
 def look() -> Processes:

@@ -6,7 +6,6 @@ import os
 import struct
 from collections.abc import Sized
 from contextlib import suppress
-from types import TracebackType
 
 from shmgen.core import abi
 from shmgen.core.diagnostics import closest
@@ -96,9 +95,7 @@ class View:
     def __enter__(self) -> View:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
 

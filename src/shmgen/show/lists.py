@@ -8,6 +8,7 @@ from shmgen.core.model import Clock, Scalar, TypeOptions
 from shmgen.core.plural import counted
 from shmgen.generator.layout import CLOCK
 from shmgen.generator.pipeline import Item
+from shmgen.show.table import aligned
 from shmgen.targets.c.text import element as c_element
 from shmgen.targets.st.names import iec_element
 
@@ -28,11 +29,7 @@ def type_table(options: TypeOptions) -> str:
         ("T[<=N], T[] with a bound", "UDINT and ARRAY[0..N-1] OF T", "uint32_t and T[N]", ""),
         ("package/Type", "ST_package_Type", "shm_package_Type", ""),
     ]
-    widths = [max(len(line[column]) for line in lines) for column in range(3)]
-    return "".join(
-        f"{ros:<{widths[0]}}  {iec:<{widths[1]}}  {c:<{widths[2]}}  {size}".rstrip() + "\n"
-        for ros, iec, c, size in lines
-    )
+    return "".join(f"{line}\n" for line in aligned(lines))
 
 
 def inventory(entries: list[Item], machine: bool, default: int | None = None) -> str:

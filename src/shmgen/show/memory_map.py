@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 
 from shmgen.core.model import Layout, Layouts, Output
 from shmgen.core.plural import counted
-from shmgen.show.table import Row, rows
+from shmgen.show.table import Row, leaves
 
 BYTES_PER_LINE = 8
 MAX_LINES = 3
@@ -61,14 +62,14 @@ def plan(layout: Layout, layouts: Layouts) -> Output:
 
     Draw nested messages, which `layouts` contains, as their fields. Shorten long arrays.
     """
-    leaves = [row for row in rows(layout, layouts) if not _is_inside_array(row) and not _has_rows_below(row)]
-    fields = dict.fromkeys(_field(row) for row in leaves if row.role in ("data", "count"))
+    boxes = leaves(layout, layouts)
+    fields = dict.fromkeys(_field(row) for row in boxes if row.role in ("data", "count"))
     styles = {field: f"c{index % _COLOURS}" for index, field in enumerate(fields)}
-    lines = _lines(leaves, layout.size)
+    lines = _lines(boxes, layout.size)
     places = {first: index for index, (first, _) in enumerate(lines)}
     view = MemoryMap(
-        title=_xml(str(layout.name)),
-        subtitle=_xml(f"{counted(layout.size, 'byte')}, alignment {layout.align}, digest {layout.digest:016x}"),
+        title=escape(str(layout.name)),
+        subtitle=escape(f"{counted(layout.size, 'byte')}, alignment {layout.align}, digest {layout.digest:016x}"),
         width=_LEFT + BYTES_PER_LINE * _CELL + 24,
         height=_TOP + len(lines) * _LINE + 20,
         columns=tuple(Mark(_LEFT + i * _CELL + _CELL // 2, _TOP - 8, f"+{i}") for i in range(BYTES_PER_LINE)),
@@ -80,7 +81,7 @@ def plan(layout: Layout, layouts: Layouts) -> Output:
                 row, line, _TOP + place * _LINE, "padding" if row.role in ("padding", "filler") else styles[_field(row)]
             )
             for place, line in enumerate(lines)
-            for row in leaves
+            for row in boxes
             if row.offset < (line[1] + 1) * BYTES_PER_LINE and row.offset + row.size > line[0] * BYTES_PER_LINE
         ),
     )
@@ -104,16 +105,7 @@ def _box(row: Row, line: tuple[int, int], y: int, style: str) -> Box:
         label = _label(row, first, width)
     title = f"{row.path}: {row.ros or row.role}, {row.iec}, offset {row.offset}, {counted(row.size, 'byte')}"
     x = _LEFT + start % BYTES_PER_LINE * _CELL + 1
-    return Box(x, y + 1, width, _LINE - 2, style, _xml(label), _xml(title))
-
-
-def _is_inside_array(row: Row) -> bool:
-    return "[0]." in row.path
-
-
-def _has_rows_below(row: Row) -> bool:
-    """Return True for a single nested message, which is drawn as its fields. An array is drawn as one field."""
-    return row.nested and "[" not in row.ros
+    return Box(x, y + 1, width, _LINE - 2, style, escape(label), escape(title))
 
 
 def _field(row: Row) -> str:
@@ -124,12 +116,12 @@ def _field(row: Row) -> str:
     return row.path.partition(".")[0].removesuffix("_count" if row.role == "count" else "")
 
 
-def _lines(leaves: list[Row], size: int) -> list[tuple[int, int]]:
+def _lines(boxes: list[Row], size: int) -> list[tuple[int, int]]:
     """Return the numbers of the first and the last 8-byte group of memory that each line of the drawing shows.
 
     A line normally shows one group. A long array gets three lines: the first group, all inner groups, the last group.
     """
-    spans = [(-(-row.offset // BYTES_PER_LINE), (row.offset + row.size) // BYTES_PER_LINE) for row in leaves]
+    spans = [(-(-row.offset // BYTES_PER_LINE), (row.offset + row.size) // BYTES_PER_LINE) for row in boxes]
     long = {first: stop for first, stop in spans if stop - first > MAX_LINES}
     lines: list[tuple[int, int]] = []
     line = 0
@@ -167,7 +159,3 @@ def _shortened(row: Row, pixels: int) -> str:
         if len(text) <= capacity:
             return text
     return _ELLIPSIS + name[-(capacity - 1) :]
-
-
-def _xml(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 from shmgen.core.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
@@ -42,36 +42,35 @@ def rows(layout: Layout, layouts: Layouts) -> list[Row]:
     return list(_rows(layout, layouts, 0, 0, ""))
 
 
+def leaves(layout: Layout, layouts: Layouts) -> list[Row]:
+    """Return the rows of a message, with the fields of a nested message instead of its row. An array is one row."""
+    return [row for row in rows(layout, layouts) if "[0]." not in row.path and (not row.nested or "[" in row.ros)]
+
+
 def table(layout: Layout, layouts: Layouts) -> str:
     """Return a table of offset, size, name, ROS type and IEC type. Fields of nested messages are indented."""
-    all_rows = rows(layout, layouts)
-    known = _known(layouts)
-    lines = [
-        (
-            str(row.offset),
-            str(row.size),
-            row.ros,
-            row.iec,
-            "  " * row.depth + row.path.rpartition(".")[2],
-            _comment(row),
-        )
-        for row in all_rows
-    ]
-    head = ("offset", "size", "ROS", "IEC 61131-3", "name", "")
-    widths = [max(len(line[column]) for line in [head, *lines]) for column in range(5)]
+    lines = [("offset", "size", "name", "ROS", "IEC 61131-3", "")]
+    for row in rows(layout, layouts):
+        name = "  " * row.depth + row.path.rpartition(".")[2]
+        lines.append((str(row.offset), str(row.size), name, row.ros, row.iec, _comment(row)))
     text = [
         f"{layout.name}: {counted(layout.size, 'byte')}, alignment {layout.align}, digest {layout.digest:016x}",
         f"from {layout.message.origin}; a region of depth 1 takes {region_size(layout.size):,} bytes",
-        f"in ROS 2 {hash_of(layout.name, known)}",
+        f"in ROS 2 {hash_of(layout.name, _known(layouts))}",
         *_place(layout.message),
         "",
+        *aligned(lines, numbers=2),
     ]
-    for offset, size, ros, iec, name, remark in [head, *lines]:
-        columns = (
-            f"{offset:>{widths[0]}}  {size:>{widths[1]}}  {name:<{widths[4]}}  {ros:<{widths[2]}}  {iec:<{widths[3]}}"
-        )
-        text.append(f"{columns}  {remark}".rstrip())
     return "\n".join(text) + "\n"
+
+
+def aligned(lines: Sequence[Sequence[str]], numbers: int = 0) -> Iterator[str]:
+    """Yield lines of aligned columns, the first `numbers` columns aligned on the right and the others on the left."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        right = [cell.rjust(width) for cell, width in zip(line[:numbers], widths[:numbers], strict=True)]
+        left = [cell.ljust(width) for cell, width in zip(line[numbers:], widths[numbers:], strict=True)]
+        yield "  ".join([*right, *left]).rstrip()
 
 
 def as_json(layouts_shown: Iterable[Layout], layouts: Layouts) -> str:

@@ -6,6 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Mapping
+from operator import itemgetter
 
 from textual_plotext import PlotextPlot
 
@@ -94,9 +95,5 @@ def _thinned(points: list[Point], most: int) -> list[Point]:
     for number in range(most // 2):
         part = points[int(number * size) : int((number + 1) * size)]
         if part:
-            thinned += sorted({min(part, key=_value), max(part, key=_value)})
+            thinned += sorted({min(part, key=itemgetter(1)), max(part, key=itemgetter(1))})
     return thinned
-
-
-def _value(point: Point) -> float:
-    return point[1]

@@ -11,8 +11,10 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
 from shmgen.core.escape import legible
+from shmgen.core.model import Role
 from shmgen.runtime.region import header as h
-from shmgen.view.source import Source, stretches
+from shmgen.show.table import leaves
+from shmgen.view.source import Source
 
 _BYTES = 16
 _COLOURS = ("cyan", "green", "yellow", "magenta", "bright_blue", "bright_red")
@@ -34,8 +36,8 @@ class Memory(ScrollView):
 
     def _take(self) -> None:
         self._kind = self._source.kind
-        self._stretches = list(stretches(self._source.layout, self._source.layouts))
-        self._starts = [start for start, _, _ in self._stretches]
+        self._rows = leaves(self._source.layout, self._source.layouts)
+        self._starts = [row.offset for row in self._rows]
         lines = 1 + -(-self._source.layout.size // _BYTES)
         self.virtual_size = Size(_WIDTH, lines)
 
@@ -54,22 +56,15 @@ class Memory(ScrollView):
         names = []
         for index in range(_BYTES):
             text = f"{data[index]:02x} " if index < len(data) else "   "
-            field = self._at(offset + index) if line else None
             style = Style(dim=True)
-            if field is not None and index < len(data):
-                style = Style(color=_COLOURS[field % len(_COLOURS)])
-                if self._stretches[field][2] not in names:
-                    names.append(self._stretches[field][2])
+            if line and index < len(data):
+                number = bisect_right(self._starts, offset + index) - 1
+                style, row = Style(color=_COLOURS[number % len(_COLOURS)]), self._rows[number]
+                name = row.path if row.role == Role.DATA.value else f"({row.role})"
+                if name not in names:
+                    names.append(name)
             segments.append(Segment(text, style))
         signs = "".join(chr(byte) if 32 <= byte < 127 else "." for byte in data)
         names_text = legible(", ".join(names)) if line else "slot: stamp, number"
         segments.append(Segment(f" {signs:<{_BYTES}}  {names_text}"))
         return Strip(segments).crop(int(across), int(across) + self.size.width).extend_cell_length(self.size.width)
-
-    def _at(self, offset: int) -> int | None:
-        """Return the index in `_stretches` of the field or gap that contains the byte at `offset`, or None."""
-        index = bisect_right(self._starts, offset) - 1
-        if index < 0:
-            return None
-        start, size, _ = self._stretches[index]
-        return index if offset < start + size else None

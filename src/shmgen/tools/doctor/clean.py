@@ -1,12 +1,13 @@
-"""Decides which files of a topic `shmgen clean` may remove, and removes them."""
+"""Decides which files of a topic `shmgen clean` may remove, and removes them. Also finds abandoned temporary files."""
 
 from __future__ import annotations
 
 import os
+import re
 import time
 from contextlib import suppress
 
-from shmgen.live.processes import Processes, called
+from shmgen.live.processes import Processes, called, has_open
 from shmgen.live.regions import FOLDER, View, missing
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import PermissionDenied, RegionMissing
@@ -14,9 +15,17 @@ from shmgen.runtime.region import header as h
 from shmgen.runtime.region.access import opened
 from shmgen.runtime.region.checks import not_a_region_error, read_header_of, retire
 from shmgen.runtime.region.names import event_name, region_file, semaphore_file
+from shmgen.tools.doctor.snapshot import SIZES
 
 _WATCH = 0.25
 """Seconds within which a running PLC increments its heartbeat, even if its task is slow."""
+
+AGE = 3.0
+"""Seconds after which a temporary file counts as abandoned. Creating a semaphore takes microseconds."""
+_TEMPORARY = re.compile(r"sem\.[A-Za-z0-9]{6}")
+"""Temporary name of a semaphore in glibc, which then links the file to its name (sem_open.c, mktemp)."""
+_WORD = re.compile(r"sem\.([A-Za-z][a-z]*|[A-Z]+)[0-9]*")
+"""Names that a user may have chosen, such as `sem.camera` or `sem.motor1`. One random name in forty matches too."""
 
 
 def leftovers(topic: str) -> list[str]:
@@ -69,6 +78,28 @@ def in_use(topic: str, processes: Processes) -> str:
         }
     )
     return ", ".join(f"process {pid} {_named(pid)}uses it" for pid in pids) or hidden
+
+
+def orphan_semaphores(processes: Processes) -> list[str]:
+    """Return temporary semaphore files that are older than AGE and that no process uses.
+
+    Skip names that a user may have chosen, such as `sem.camera`. `shmgen clean NAME` also removes skipped files.
+    """
+    if not os.access(FOLDER, os.R_OK):
+        return []
+    orphans = []
+    for name in sorted(os.listdir(FOLDER)):
+        if not _TEMPORARY.fullmatch(name) or _WORD.fullmatch(name):
+            continue
+        file = f"{FOLDER}/{name}"
+        with suppress(OSError):  # the semaphore was completed meanwhile
+            status = os.lstat(file)
+            settled = time.time() - status.st_ctime > AGE
+            alone = not os.path.lexists(region_file(name.removeprefix("sem.")))
+            unused = not processes.users(status)
+            if status.st_size in (0, *SIZES) and settled and alone and unused and not has_open(status):
+                orphans.append(file)
+    return orphans
 
 
 def remove(files: list[str]) -> None:

@@ -8,12 +8,12 @@ from contextlib import suppress
 
 from shmgen.core.plural import counted
 from shmgen.live.processes import Processes, called
-from shmgen.live.regions import closed, is_name, topic_of
+from shmgen.live.regions import FOLDER, closed, is_name, topic_of
 from shmgen.runtime.region.names import region_file
-from shmgen.tools.doctor import orphan_semaphores
+from shmgen.tools.doctor.clean import orphan_semaphores
 from shmgen.tools.doctor.permissions import advice_to_join
 from shmgen.tools.doctor.problem import Problem
-from shmgen.tools.doctor.snapshot import own_device, semaphore
+from shmgen.tools.doctor.snapshot import semaphore
 
 
 def of_detached(processes: Processes, names: Collection[str], requested: Collection[str]) -> Iterator[Problem]:
@@ -26,7 +26,7 @@ def of_detached(processes: Processes, names: Collection[str], requested: Collect
     * `requested` contains the region.
     * Exactly one process maps the region in this /dev/shm, or exactly one maps the region in the other /dev/shm.
     """
-    ours = own_device()
+    ours = os.stat(FOLDER).st_dev
     pairs = {(mapping.pid, mapping.device, mapping.name) for mapping in processes.mappings}
     for mapping in processes.mappings:
         region = mapping.name.removeprefix("sem.")
@@ -34,7 +34,7 @@ def of_detached(processes: Processes, names: Collection[str], requested: Collect
             continue
         topic, who = topic_of(region), f"process {mapping.pid} ({called(mapping.pid)})"
         file = f"/dev/shm/{mapping.name}"
-        if mapping.semaphore:
+        if region != mapping.name:  # a semaphore
             if mapping.removed and mapping.device == ours and region in names and semaphore(region):
                 message = f"{who} uses a semaphore that was removed, so its lock excludes no other process"
                 yield Problem(topic, message, f"restart process {mapping.pid}", file, mapping.pid)
@@ -66,7 +66,7 @@ def of_machine(processes: Processes) -> Iterator[Problem]:
         with suppress(FileNotFoundError):  # removed meanwhile
             hint = advice_to_join(os.lstat(file := region_file(name)))
             yield Problem(topic_of(name), "this file may be a region, but this user cannot read it", hint, file)
-    for file in orphan_semaphores.semaphores(processes):
+    for file in orphan_semaphores(processes):
         message = "a process was killed while it created a semaphore, and left this unused file"
         yield Problem("", message, f"`rm {file}`; `shmgen clean --all` removes it too", file, note=True)
     yield from _of_folder()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from shmgen.core.model import Regions
 from shmgen.live.config_of_lock import Known
 from shmgen.live.processes import Processes, bits, called
-from shmgen.live.regions import FOLDER, View, topic_of
+from shmgen.live.regions import View, topic_of
 from shmgen.runtime import Header
 from shmgen.runtime.errors import RegionUnusable, ShmError
 from shmgen.runtime.region.access import opened
@@ -119,7 +119,7 @@ def gather(
                 seconds=seconds,
                 claimed=(claimed := view.claimed()),
                 writer=view.writer(after.writer) if claimed else after.writer,
-                peers=_peers(view, processes),
+                peers=tuple(Peer(pid, called(pid), bits(pid)) for pid in processes.users(view.status)),
                 expected=topics.get(topic_of(view.name), Expected()),
                 layout=layouts.get(header.type_name),
             )
@@ -146,18 +146,7 @@ def semaphore(name: str) -> Semaphore | None:
     return Semaphore(value, 32 if status.st_size == SIZES[0] else 64, status)
 
 
-def own_device() -> int:
-    """Return the device number of /dev/shm, as in stat and /proc/PID/maps."""
-    return os.stat(FOLDER).st_dev
-
-
 def _seems_stuck(view: View, header: Header, before: Semaphore | None) -> bool:
     now = semaphore(view.name)
     is_held = before is not None and before.value == 0 and now is not None and now.value == 0
     return is_held and view.header().lock_count == header.lock_count
-
-
-def _peers(view: View, processes: Processes) -> tuple[Peer, ...]:
-    status = view.status
-    pids = [m.pid for m in processes.mappings if (m.device, m.inode) == (status.st_dev, status.st_ino)]
-    return tuple(Peer(pid, called(pid), bits(pid)) for pid in pids)

@@ -1,12 +1,16 @@
-"""Filters and formats samples for `shmgen echo`: whole messages or one field."""
+"""Filters and formats samples for `shmgen echo`: whole messages or one field, as YAML, JSON or lines of CSV."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import csv
+import ctypes
+import io
+from collections.abc import Callable, Iterator
 from typing import Any, Literal
 
+from shmgen.core.escape import legible
 from shmgen.runtime import Message
-from shmgen.tools.messages import csv, format, paths
+from shmgen.tools.messages import format, paths
 
 
 class Printer:
@@ -50,12 +54,60 @@ class Printer:
         if self._only:
             self._holds = paths.condition(kind, self._only)
         if self._form == "csv":
-            self._titles = csv.line(csv.titles(self._get(kind()), self._field or "")) + "\n"
+            self._titles = _csv_line(csv_titles(self._get(kind()), self._field or "")) + "\n"
 
     def _format(self, value: Any) -> str:
         if self._form == "csv":
-            return csv.line(csv.row(value))
+            return _csv_line(csv_row(value))
         if self._form == "json":
             return format.as_json(value)
-        text = format.yaml(value, self._most)
-        return f"{text}---"
+        return f"{format.yaml(value, self._most)}---"
+
+
+def csv_titles(value: Any, within: str = "") -> list[str]:
+    """Return the column titles of a value at the path `within`, such as `flags[0]`. A sequence is one column."""
+    return [name for name, _ in _cells(value, within)]
+
+
+def csv_row(value: Any) -> list[str]:
+    """Return the values of one CSV line, one for each column, without control characters.
+
+    Raises CountExceeded if the count of a sequence is damaged.
+    """
+    return [_text(cell) for _, cell in _cells(value, "")]
+
+
+def _csv_line(cells: list[str]) -> str:
+    """Join cells with commas, with quotes if needed."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="").writerow(cells)
+    return out.getvalue()
+
+
+def _cells(value: Any, within: str) -> Iterator[tuple[str, Any]]:
+    match value:
+        case Message():
+            for step in value._steps_:
+                name, inner = format.ros_name(step.name), format.field(value, step.name)
+                if step.count_at >= 0:  # a sequence stays in one column, because its length changes
+                    yield _below(within, name), inner
+                else:
+                    yield from _cells(inner, _below(within, name))
+        case tuple() if hasattr(value, "_asdict"):
+            for name, inner in value._asdict().items():
+                yield _below(within, name), inner
+        case ctypes.Array() | list():
+            for index, inner in enumerate(format.elements(value)):
+                yield from _cells(inner, f"{within}[{index}]")
+        case _:
+            yield within, value
+
+
+def _below(within: str, name: str) -> str:
+    return f"{within}.{name}" if within else name
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return legible(value)
+    return format.as_json(value) if isinstance(value, (bool, ctypes.Array, list)) else repr(value)

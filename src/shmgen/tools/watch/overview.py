@@ -13,7 +13,7 @@ from typing import Any
 from shmgen.core.plural import counted
 from shmgen.live.processes import Processes, alive, called
 from shmgen.live.processes import look as look_at_processes
-from shmgen.live.regions import FOLDER, View, damage, live, missing, topic_of
+from shmgen.live.regions import View, damage, live, missing, topic_of
 from shmgen.runtime import region_name
 from shmgen.runtime.errors import RegionMissing, ShmError
 from shmgen.runtime.region import header as h
@@ -110,7 +110,7 @@ def one(topic: str) -> tuple[Row, bool]:
 
 def _row(view: View, past: Past, processes: Processes | None) -> Row:
     header, topic = view.header(), topic_of(view.name)
-    readers: set[int] = _mapped_by(view, processes) if processes else set()
+    readers = set(processes.users(view.status)) - {os.getpid()} if processes else set()
     digest = f"{header.digest:016x}"
     if why := damage(header):
         past.pop(view.name, None)
@@ -140,12 +140,6 @@ def _row(view: View, past: Past, processes: Processes | None) -> Row:
         payload=header.payload_size,
         digest=digest,
     )
-
-
-def _mapped_by(view: View, processes: Processes) -> set[int]:
-    """Return the pids of all processes that map the region, except this process."""
-    place = os.stat(FOLDER).st_dev, view.status.st_ino
-    return {mapping.pid for mapping in processes.mappings if (mapping.device, mapping.inode) == place} - {os.getpid()}
 
 
 def _newest_stamp(view: View, header: h.Header) -> int | None:

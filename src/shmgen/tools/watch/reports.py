@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
@@ -68,9 +68,6 @@ class Rate:
     def __str__(self) -> str:
         return f"average rate: {self.rate:.3f}\n{_spread(self)} missed: {self.missed}"
 
-    def plain(self) -> dict[str, float]:
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth:
@@ -82,9 +79,6 @@ class Bandwidth:
 
     def __str__(self) -> str:
         return f"{_bytes(self.rate)}/s from {self.samples:.1f} samples/s of {_bytes(self.size)}"
-
-    def plain(self) -> dict[str, float]:
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +97,6 @@ class Delay:
 
     def __str__(self) -> str:
         return f"average delay: {self.mean:.6f} by {self.by}\n{_spread(self)}"
-
-    def plain(self) -> dict[str, float | str]:
-        return asdict(self)
 
 
 def reports(

@@ -28,11 +28,6 @@ _REVERSE, _NORMAL = "\x1b[7m", "\x1b[m"
 _KEYS = "q quit   s sort by next column   r reverse"
 
 
-def can_draw() -> bool:
-    """Return True if standard input and output are a terminal that can draw."""
-    return sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM", "dumb") != "dumb"
-
-
 def run(interval: float) -> None:
     """Show a table of all regions, with an update every `interval` seconds, until the user presses `q`."""
     past: overview.Past = {}
