@@ -113,52 +113,96 @@ template <class Name> void throw_unless_open([[maybe_unused]] const Name &name, 
 #endif
 }
 
-// The only writer of a topic. One thread may use a publisher at a time; a forked child opens its own publisher.
-template <class T> class Publisher {
+// The functions of the C implementation for one of its structures.
+template <class C> struct Functions;
+template <> struct Functions<shmgen_publisher> {
+    static constexpr auto open = shmgen_publisher_open, start = shmgen_publisher_start;
+    static constexpr auto step = shmgen_publisher_step;
+    static constexpr auto close = shmgen_publisher_close;
+};
+template <> struct Functions<shmgen_subscriber> {
+    static constexpr auto open = shmgen_subscriber_open, start = shmgen_subscriber_start;
+    static constexpr auto step = shmgen_subscriber_step;
+    static constexpr auto close = shmgen_subscriber_close;
+};
+
+// Owns a structure of the C implementation, and closes it in the destructor.
+template <class C> class Owned {
+public:
+    void close() noexcept { Functions<C>::close(&end_); }
+    C &c() noexcept { return end_; }
+
+protected:
+    Owned() noexcept = default;
+    Owned(Owned &&other) noexcept : end_(std::exchange(other.end_, C())) {}
+    Owned &operator=(Owned &&other) noexcept
+    {
+        if (this != &other) {
+            close();
+            end_ = std::exchange(other.end_, C());
+        }
+        return *this;
+    }
+    ~Owned() { close(); }
+
+    C end_{};
+};
+
+// Common base of Publisher and Subscriber.
+template <class T, class C> class Endpoint : public Owned<C> {
     static_assert(std::is_trivially_copyable<T>::value && std::is_standard_layout<T>::value, "messages are bytes");
 
 public:
     // Construct without opening: call open() or start().
-    Publisher() noexcept = default;
-    // Open or create the topic's region, and claim the topic. The claim takes 1 s if a PLC was the writer before.
-    // Throws Error.
-    explicit Publisher(std::string_view topic, const Options &options = {})
+    Endpoint() noexcept = default;
+    // Open or create the topic's region. A publisher also claims the topic, which takes 1 s if a PLC was the writer
+    // before. Throws Error.
+    explicit Endpoint(std::string_view topic, const Options &options = {})
     {
         throw_unless_open(topic, open(topic, options));
     }
-    Publisher(const Publisher &) = delete;
-    Publisher &operator=(const Publisher &) = delete;
-    Publisher(Publisher &&other) noexcept : end_(std::exchange(other.end_, shmgen_publisher())) {}
-    Publisher &operator=(Publisher &&other) noexcept
-    {
-        if (this != &other) {
-            close();
-            end_ = std::exchange(other.end_, shmgen_publisher());
-        }
-        return *this;
-    }
-    ~Publisher() { close(); }
-
     // Open the topic without exceptions.
     Status open(std::string_view topic, const Options &options = {}) noexcept
     {
-        close();
-        const shmgen_type type = Message<T>::type();
-        const shmgen_options converted = options.c();
-        return shmgen_publisher_open(&end_, Topic(topic), &type, &converted);
+        return opened(Functions<C>::open, topic, options);
     }
     // Begin to open the topic without waiting: call step() in each cycle until it returns SHMGEN_OK.
     Status start(std::string_view topic, const Options &options = {}) noexcept
     {
-        close();
+        return opened(Functions<C>::start, topic, options);
+    }
+    Status step() noexcept { return Functions<C>::step(&end_); }
+    bool is_open() const noexcept { return end_.end.step == SHMGEN_STEP_READY; }
+
+    // The number of times the lock was not free in time.
+    std::uint32_t lock_misses() const noexcept { return end_.end.misses; }
+    // The number of messages that a publisher refused because a value did not fit, or of samples that a subscriber
+    // refused because a count was above its bound.
+    std::uint32_t refused() const noexcept { return end_.end.refused; }
+    // The number of times the region was removed and reopened.
+    std::uint32_t reopen_count() const noexcept { return end_.end.reopen_count; }
+
+protected:
+    using Owned<C>::end_;
+
+private:
+    template <class Begin> Status opened(Begin begin, std::string_view topic, const Options &options) noexcept
+    {
+        this->close();
         const shmgen_type type = Message<T>::type();
         const shmgen_options converted = options.c();
-        return shmgen_publisher_start(&end_, Topic(topic), &type, &converted);
+        return begin(&end_, Topic(topic), &type, &converted);
     }
-    Status step() noexcept { return shmgen_publisher_step(&end_); }
-    // Close the publisher, so that another writer can claim the topic. The region stays.
-    void close() noexcept { shmgen_publisher_close(&end_); }
-    bool is_open() const noexcept { return end_.end.step == SHMGEN_STEP_READY; }
+};
+
+// The only writer of a topic. One thread may use a publisher at a time; a forked child opens its own publisher. close()
+// lets another writer claim the topic, and the region stays.
+template <class T> class Publisher : public Endpoint<T, shmgen_publisher> {
+    using Base = Endpoint<T, shmgen_publisher>;
+    using Base::end_;
+
+public:
+    using Base::Base;
 
     // Publish a message; wait for the lock at most as long as Options::lock. A message that does not fit is refused:
     // rejected() names the field, and the region keeps the former sample. SHMGEN_CLAIM_LOST: another writer has taken
@@ -182,13 +226,6 @@ public:
     std::string_view rejected() const noexcept { return shmgen_publisher_rejected(&end_); }
     // The number of the newest sample, 0 = none yet.
     std::uint32_t sequence() const noexcept { return end_.sequence; }
-    // The number of times the lock was not free in time.
-    std::uint32_t lock_misses() const noexcept { return end_.end.misses; }
-    // The number of messages that did not fit.
-    std::uint32_t refused() const noexcept { return end_.end.refused; }
-    // The number of times the region was removed and reopened.
-    std::uint32_t reopen_count() const noexcept { return end_.end.reopen_count; }
-    shmgen_publisher &c() noexcept { return end_; }
 
 private:
     Status send(const T &message, std::int64_t limit) noexcept
@@ -201,56 +238,15 @@ private:
         }
         return shmgen_publisher_write(&end_, &message, sizeof message, limit);
     }
-
-    shmgen_publisher end_{};
 };
 
 // A reader of a topic. One thread may use a subscriber at a time; a forked child opens its own subscriber.
-template <class T> class Subscriber {
-    static_assert(std::is_trivially_copyable<T>::value && std::is_standard_layout<T>::value, "messages are bytes");
+template <class T> class Subscriber : public Endpoint<T, shmgen_subscriber> {
+    using Base = Endpoint<T, shmgen_subscriber>;
+    using Base::end_;
 
 public:
-    // Construct without opening: call open() or start().
-    Subscriber() noexcept = default;
-    // Open the topic's region, or create the region if no writer has created it yet. Throws Error.
-    explicit Subscriber(std::string_view topic, const Options &options = {})
-    {
-        throw_unless_open(topic, open(topic, options));
-    }
-    Subscriber(const Subscriber &) = delete;
-    Subscriber &operator=(const Subscriber &) = delete;
-    Subscriber(Subscriber &&other) noexcept
-        : end_(std::exchange(other.end_, shmgen_subscriber())), status_(other.status_)
-    {
-    }
-    Subscriber &operator=(Subscriber &&other) noexcept
-    {
-        if (this != &other) {
-            close();
-            end_ = std::exchange(other.end_, shmgen_subscriber());
-            status_ = other.status_;
-        }
-        return *this;
-    }
-    ~Subscriber() { close(); }
-
-    Status open(std::string_view topic, const Options &options = {}) noexcept
-    {
-        close();
-        const shmgen_type type = Message<T>::type();
-        const shmgen_options converted = options.c();
-        return shmgen_subscriber_open(&end_, Topic(topic), &type, &converted);
-    }
-    Status start(std::string_view topic, const Options &options = {}) noexcept
-    {
-        close();
-        const shmgen_type type = Message<T>::type();
-        const shmgen_options converted = options.c();
-        return shmgen_subscriber_start(&end_, Topic(topic), &type, &converted);
-    }
-    Status step() noexcept { return shmgen_subscriber_step(&end_); }
-    void close() noexcept { shmgen_subscriber_close(&end_); }
-    bool is_open() const noexcept { return end_.end.step == SHMGEN_STEP_READY; }
+    using Base::Base;
 
     // Return the newest sample, or nothing if the sample was read before or cannot be read now. status() returns the
     // reason.
@@ -349,13 +345,6 @@ public:
     Status status() const noexcept { return status_; }
     // The field whose count was above its bound.
     std::string_view rejected() const noexcept { return shmgen_path_text(&end_.path); }
-    // The number of times the lock was not free in time.
-    std::uint32_t lock_misses() const noexcept { return end_.end.misses; }
-    // The number of samples with a count above its bound.
-    std::uint32_t refused() const noexcept { return end_.end.refused; }
-    // The number of times the region was removed and reopened.
-    std::uint32_t reopen_count() const noexcept { return end_.end.reopen_count; }
-    shmgen_subscriber &c() noexcept { return end_; }
 
 private:
     static shmgen_status receive(void *copy, shmgen_path *path) noexcept
@@ -370,7 +359,6 @@ private:
         return result;
     }
 
-    shmgen_subscriber end_{};
     Status status_{SHMGEN_CLOSED};
 };
 

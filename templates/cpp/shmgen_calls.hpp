@@ -10,6 +10,15 @@
 
 namespace shmgen {
 
+template <> struct Functions<shmgen_client> {
+    static constexpr auto open = shmgen_client_open;
+    static constexpr auto close = shmgen_client_close, stop = shmgen_client_stop;
+};
+template <> struct Functions<shmgen_server> {
+    static constexpr auto open = shmgen_server_open;
+    static constexpr auto close = shmgen_server_close, stop = shmgen_server_stop;
+};
+
 namespace calls {
 
 template <class T> shmgen_status check(const void *message, shmgen_path *path) noexcept
@@ -22,18 +31,12 @@ template <class T> shmgen_status receive(void *message, shmgen_path *path) noexc
 }
 template <class T> shmgen_part part() noexcept { return {Message<T>::type(), check<T>, receive<T>}; }
 
-inline void closed(shmgen_client *end) noexcept { shmgen_client_close(end); }
-inline void closed(shmgen_server *end) noexcept { shmgen_server_close(end); }
-inline void stopped(shmgen_client *end) noexcept { shmgen_client_stop(end); }
-inline void stopped(shmgen_server *end) noexcept { shmgen_server_stop(end); }
-
-// Owns a shmgen_client or shmgen_server, and closes it in the destructor.
-template <class End> class Owned {
+// Common base of clients and servers.
+template <class C> class CallEnd : public Owned<C> {
 public:
-    void close() noexcept { closed(&end_); }
     // End the current wait and all later waits until the next open(). The waits then return with the status()
     // SHMGEN_STOPPED. Safe in a signal handler and from another thread.
-    void stop() noexcept { stopped(&end_); }
+    void stop() noexcept { Functions<C>::stop(&end_); }
     // The result of the last call.
     Status status() const noexcept { return status_; }
     // The number of times a region was removed and reopened.
@@ -41,28 +44,21 @@ public:
     {
         return end_.requests.end.reopen_count + end_.responses.end.reopen_count + end_.progress.end.reopen_count;
     }
-    End &c() noexcept { return end_; }
 
 protected:
-    Owned() noexcept = default;
-    Owned(Owned &&other) noexcept : end_(std::exchange(other.end_, End())), status_(other.status_) {}
-    Owned &operator=(Owned &&other) noexcept
+    using Owned<C>::end_;
+    Status opened(const std::string &name, const shmgen_interface &carries, const Options &options) noexcept
     {
-        if (this != &other) {
-            close();
-            end_ = std::exchange(other.end_, End());
-            status_ = other.status_;
-        }
-        return *this;
+        this->close();
+        const shmgen_options converted = options.c();
+        return status_ = Functions<C>::open(&end_, name.c_str(), &carries, &converted);
     }
-    ~Owned() { close(); }
 
-    End end_{};
     Status status_ = SHMGEN_CLOSED;
 };
 
 // Common base of service clients and action clients.
-class ClientEnd : public Owned<shmgen_client> {
+class ClientEnd : public CallEnd<shmgen_client> {
 public:
     // Return true if a server is running. Takes up to 1 s if a PLC was the server and may have stopped.
     bool server_is_ready() noexcept { return shmgen_client_server_is_ready(&end_); }
@@ -72,29 +68,15 @@ public:
     }
     // The field that did not fit in the last request or goal.
     std::string_view rejected() const noexcept { return shmgen_path_text(&end_.requests.path); }
-
-protected:
-    Status opened(const std::string &name, const shmgen_interface &carries, const Options &options) noexcept
-    {
-        close();
-        const shmgen_options converted = options.c();
-        return status_ = shmgen_client_open(&end_, name.c_str(), &carries, &converted);
-    }
 };
 
 // Common base of service servers and action servers.
-class ServerEnd : public Owned<shmgen_server> {
+class ServerEnd : public CallEnd<shmgen_server> {
 public:
     // The field that did not fit in the last response or result.
     std::string_view rejected() const noexcept { return shmgen_path_text(&end_.responses.path); }
 
 protected:
-    Status opened(const std::string &name, const shmgen_interface &carries, const Options &options) noexcept
-    {
-        close();
-        const shmgen_options converted = options.c();
-        return status_ = shmgen_server_open(&end_, name.c_str(), &carries, &converted);
-    }
     std::int64_t limit() const noexcept { return end_.responses.end.limit; }
     // End the call or goal with this number. `response` may be null.
     Status end(std::uint32_t number, std::int8_t how, void *response, std::int64_t timeout) noexcept

@@ -19,11 +19,6 @@ namespace shmgen::node {
 constexpr std::chrono::milliseconds SLICE{50}; // longest wait before a thread checks whether it must stop
 constexpr std::size_t MOST_CALLS = 1000;       // limit of queued calls
 
-// Gives access to the protected C object of a Client or Server.
-template <class Base> struct Within : Base {
-    auto &c() { return this->end_; }
-};
-
 template <class End, class Ours> class ServiceSide : public Side {
 public:
     ServiceSide(Node &of, Carried all) : Side(of, std::move(all)) { number("timeout", carried.timeout_seconds); }
@@ -72,7 +67,7 @@ protected:
         return !*unavailable_reason_.load() && !is_removed(end_.c().requests.end) && !is_removed(end_.c().responses.end);
     }
 
-    Within<End> end_;
+    End end_;
     std::chrono::duration<double> timeout_{1};
     std::atomic<bool> running_{false};
 
