@@ -120,7 +120,7 @@ def read_requested(text: str, place: str, report: Report) -> Lock:
 
 
 def parse(text: str) -> Lock:
-    """Parse the text of layout.lock. Raises KeyError, TypeError, ValueError or AttributeError if the text is damaged."""
+    """Parse the text of layout.lock. Raises KeyError, TypeError, ValueError or AttributeError if it is damaged."""
     data = toml.loads(text)
     requested, files = data["requested"], data["files"]
     if data["version"] != VERSION or not all(isinstance(item, str) for item in [*requested, *files.values()]):
