@@ -12,6 +12,8 @@ from typing import Any
 
 from shmgen.runtime.errors import OutOfRange, ValueRejected
 from shmgen.runtime.messages.numbers import (
+    REFUSED,
+    check,
     check_count,
     decode_numbers,
     elements,
@@ -23,6 +25,9 @@ from shmgen.runtime.messages.steps import COUNT, STRUCTS, Step
 from shmgen.runtime.messages.strings import TEXTS, decode_text, encode_text
 from shmgen.runtime.messages.times import CLOCKS, Duration, Time, decode_clock, encode_clock, set_clock
 
+_PACK = {kind: packed.pack_into for kind, packed in STRUCTS.items() if kind != "bool"}
+_UNPACK = {kind: packed.unpack_from for kind, packed in STRUCTS.items()}
+
 
 def encode(kind: Any, message: Any, into: bytearray | memoryview, at: int = 0) -> int:
     """Write `message` into the zeroed bytes `into`, starting at byte `at`, in the layout of the class `kind`.
@@ -31,17 +36,29 @@ def encode(kind: Any, message: Any, into: bytearray | memoryview, at: int = 0) -
     """
     truncated = 0
     for step in kind._steps_:
+        name, type_, offset, size, length, count_at = step
         try:
-            value = getattr(message, step.name)
+            value = getattr(message, name)
         except AttributeError as error:
-            raise missing(message, step.name, error) from None
-        if step.length:
-            count, cuts = encode_array(step, value, into, at + step.offset)
+            raise missing(message, name, error) from None
+        if length:
+            count, cuts = encode_array(step, value, into, at + offset)
             truncated += cuts
-            if step.count_at >= 0:
-                COUNT.pack_into(into, at + step.count_at, count)
+            if count_at >= 0:
+                COUNT.pack_into(into, at + count_at, count)
+        elif pack := _PACK.get(type_):
+            try:
+                pack(into, at + offset, value)
+            except REFUSED:
+                check(type_, value, step.path)
+                raise
+        elif isinstance(type_, str):
+            truncated += encode_element(type_, value, into, at + offset, size, step.path)
         else:
-            truncated += encode_element(step.kind, value, into, at + step.offset, step.size, step.path)
+            try:
+                truncated += encode(type_, value, into, at + offset)
+            except ValueRejected as error:
+                raise error.inside(step.path) from None
     return truncated
 
 
@@ -50,17 +67,20 @@ def encode_element(kind: Any, value: Any, into: Any, at: int, size: int, path: s
 
     Raises ValueRejected if the value does not fit.
     """
-    truncated = 0
     if kind in STRUCTS:
         encode_number(kind, value, into, at, path)
     elif kind in TEXTS:
         data, truncated = encode_text(kind, value, size, path)
         into[at : at + len(data)] = data
+        return truncated
     elif kind in CLOCKS:
         into[at : at + size] = encode_clock(kind, value, path)
     else:
-        truncated = inside(path, encode, kind, value, into, at)
-    return truncated
+        try:
+            return encode(kind, value, into, at)
+        except ValueRejected as error:
+            raise error.inside(path) from None
+    return 0
 
 
 def encode_array(step: Step, value: Any, into: Any, at: int) -> tuple[int, int]:
@@ -100,12 +120,15 @@ def decode(kind: Any, data: bytes | bytearray | memoryview, message: Any, at: in
         name, type_, offset, _, length, _ = step
         if length:
             value = decode_array(step, data, at, () if type_ in TEXTS else getattr(message, name))
-        elif type_ in STRUCTS:
-            value = STRUCTS[type_].unpack_from(data, at + offset)[0]
+        elif unpack := _UNPACK.get(type_):
+            value = unpack(data, at + offset)[0]
         elif isinstance(type_, str):
             value = decode_element(step, data, at + offset, getattr(message, name) if type_ in CLOCKS else None)
         else:
-            inside(step.path, decode, type_, data, getattr(message, name), at + offset)
+            try:
+                decode(type_, data, getattr(message, name), at + offset)
+            except ValueRejected as error:
+                raise error.inside(step.path) from None
             continue
         setattr(message, name, value)
 
