@@ -223,12 +223,38 @@ static bool fits_in(const Step *step, size_t size)
            (step->count_at < 0 || (size_t)step->count_at + 4 <= size);
 }
 
+/* Set `unit` of a step. The steps of a nested message are complete. */
+static void set_unit(Step *step)
+{
+    const Step *first = step + 1;
+    if (step->count_at >= 0)
+        return;
+    if (step->what == NUMBERS && step->code != '?')
+        step->unit = step->size;
+    else if (step->what == MESSAGES && step->inner != 0 && first->at == 0 && first->run * first->unit == step->size)
+        step->unit = first->unit;
+}
+
+/* Set `run` and `run_end` of the steps of one message. */
+static void join_numbers(Step *first, const Step *end)
+{
+    for (Step *step = first; step < end; step += 1 + step->inner) {
+        size_t stop = step->at;
+        for (const Step *next = step; next < end && step->unit != 0 && next->unit == step->unit && next->at == stop;
+             next += 1 + next->inner) {
+            stop += next->size * element_count(next);
+            step->run_end = next - step;
+        }
+        step->run = step->unit != 0 ? (stop - step->at) / step->unit : 0;
+    }
+}
+
 /* Append the steps of a class. The steps of a nested message follow its own step. */
 static bool add_steps(Table *self, PyObject *kind, size_t size)
 {
     PyObject *rows = PyObject_GetAttrString(kind, "_steps_");
     bool fits = rows != NULL && PyTuple_Check(rows) && PyList_Append(self->references, rows) == 0;
-    const Py_ssize_t count = fits ? PyTuple_Size(rows) : 0;
+    const Py_ssize_t count = fits ? PyTuple_Size(rows) : 0, first = self->count;
     for (Py_ssize_t index = 0; fits && index < count; index++) {
         const Py_ssize_t place = self->count;
         Step *steps = PyMem_Realloc(self->steps, (size_t)(place + 1) * sizeof *steps), *step;
@@ -254,7 +280,10 @@ static bool add_steps(Table *self, PyObject *kind, size_t size)
         } else if (fits) {
             self->has_deferred = self->has_deferred || is_deferred(step);
         }
+        set_unit(&self->steps[place]);
     }
+    if (fits)
+        join_numbers(self->steps + first, self->steps + self->count);
     Py_XDECREF(rows);
     if (!fits && PyErr_Occurred() == NULL)
         PyErr_SetString(PyExc_TypeError, "a table is a tuple of steps");
@@ -295,6 +324,11 @@ static void table_free(PyObject *object)
     Py_XDECREF(self->references);
     ((freefunc)PyType_GetSlot(type, Py_tp_free))(object);
     Py_DECREF(type);
+}
+
+bool is_table(PyObject *object)
+{
+    return PyType_GetSlot(Py_TYPE(object), Py_tp_dealloc) == (void *)table_free;
 }
 
 static PyMethodDef methods[] = {

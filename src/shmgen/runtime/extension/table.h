@@ -85,6 +85,9 @@ typedef struct Step {
     size_t length;       /* number of elements; 0 = not an array */
     Py_ssize_t count_at; /* offset of the count of a sequence; -1 = none */
     Py_ssize_t inner;    /* number of steps of a nested message */
+    size_t unit;         /* size of the numbers in bytes, if the step contains only numbers of one size, without padding */
+    size_t run;          /* number of numbers of this step and next steps of equal `unit`, if they are contiguous */
+    Py_ssize_t run_end;  /* distance to the last of these steps */
     int what;
     char code, family; /* numbers: as in Python's struct; strings: u, l, w; times: T, D in ms, N in ns, P in s and ns */
     bool truncates, is_duration;
@@ -122,6 +125,7 @@ typedef struct codec_deferred {
 } codec_deferred;
 
 int table_add_type(PyObject *module);
+bool is_table(PyObject *object);
 
 /* Both functions run Python code of the message, which may call the functions again. False means that an exception is
  * set. */

@@ -43,6 +43,12 @@ static bool align(Wire *wire, size_t size, bool writes)
     return true;
 }
 
+/* Return true if the data contains these numbers and any padding before them. */
+static bool has_numbers(const Wire *wire, size_t size, size_t count)
+{
+    return size * (count + 1) <= wire->room - wire->at;
+}
+
 static bool put(Wire *wire, const void *from, size_t size, size_t count)
 {
     if (size * count > wire->room - wire->at)
@@ -188,6 +194,11 @@ static bool encode_fields(Wire *wire, const Step *step, const Step *end, const u
             if (!put_u32(wire, elements))
                 return false;
             count = elements;
+        } else if (step->run != 0) {
+            if (!(align(wire, step->unit, true) && put(wire, message + step->at, step->unit, step->run)))
+                return false;
+            step += step->run_end;
+            continue;
         }
         if (!put_elements(wire, step, message + step->at, count))
             return false;
@@ -382,6 +393,11 @@ static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigne
                 return refuse_count(wire->self, step, elements);
             memcpy(message + step->count_at, &elements, sizeof elements);
             count = elements;
+        } else if (step->run != 0 && has_numbers(wire, step->unit, step->run)) {
+            align(wire, step->unit, false);
+            take(wire, message + step->at, step->unit, step->run);
+            step += step->run_end;
+            continue;
         }
         if (!take_elements(wire, step, message + step->at, count))
             return false;
