@@ -139,8 +139,8 @@ def _progress(doing: str, done: str) -> Iterator[None]:
 def _clean(configuration: Path) -> None:
     """Remove all regions after the processes have ended. Publishers and subscribers do not remove their regions."""
     settings = config.load(configuration, configuration.name, Report())
-    calls = [f"{service.service}-{half}" for service in settings.services for half in ("request", "response")]
-    calls += [f"{action.action}-{third}" for action in settings.actions for third in ("goal", "feedback", "result")]
+    calls = [f"{service.name}-{half}" for service in settings.services for half in ("request", "response")]
+    calls += [f"{action.name}-{third}" for action in settings.actions for third in ("goal", "feedback", "result")]
     existing = [
         name
         for name in [*(topic.topic for topic in settings.topics), *calls]
