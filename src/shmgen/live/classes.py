@@ -165,13 +165,10 @@ def watcher(
     return subscriber(kind, topic_of(view.name), depth_of(header), passive=passive, history=history, reopen=False)
 
 
-def publisher(kind: type[Message], topic: str, depth: int, *, reopen: bool = True) -> Publisher[Message]:
-    """Open the region of a topic for writing messages of the class `kind`.
-
-    The other parameters and the errors are those of Publisher.
-    """
+def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]:
+    """Open the region of a topic for writing messages of the class `kind`. Raises the errors of Publisher."""
     end: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": kind})
-    return end(topic, depth=depth, reopen=reopen)
+    return end(topic, depth=depth)
 
 
 def client(request: type[Message], reply: type[Message]) -> type[ServiceClient[Any, Any]]:
