@@ -17,6 +17,7 @@ import pytest
 from shmgen.config import Config
 from shmgen.live.classes import publisher
 from shmgen.live.session import Session
+from shmgen.show.table import leaves
 from shmgen.tools.messages import parse as typed
 from shmgen.tools.messages import paths
 from shmgen.tools.messages.echo import csv_row, csv_titles
@@ -132,7 +133,8 @@ def test_csv_puts_a_sequence_into_one_column(tmp_path):
     assert not paths.condition(kind, "points[1].x == 0")(message)
     assert paths.condition(kind, "len(points) == 1 and max(two) == 2")(message)
     layout = session.layout("s_msgs/All")
-    assert list(paths.leaves(layout, session.layouts(["s_msgs/All"]))) == ["many", "two", "ok", "points"]
+    rows = leaves(layout, session.layouts(["s_msgs/All"]))
+    assert [row.path for row in rows if row.role == "data"] == ["many", "two", "ok", "points"]
 
 
 def test_plot_command_points_to_view(shmgen):

@@ -15,6 +15,7 @@ import click
 
 from shmgen.cli import options
 from shmgen.core.diagnostics import Diagnostic, Rejected, Span
+from shmgen.core.escape import lines
 
 if TYPE_CHECKING:
     from shmgen.live.classes import ClassRegistry
@@ -83,7 +84,7 @@ def fields(context: click.Context, parameter: click.Parameter, incomplete: str, 
     """
     from shmgen.live.regions import View
     from shmgen.runtime import ShmError, region_name
-    from shmgen.tools.messages.paths import leaves
+    from shmgen.show.table import leaves
 
     words = os.environ.get("COMP_WORDS", "").split()  # click's own words are empty after an option
     named = context.params.get("topic") or next(filter(topics(context, parameter, "").__contains__, words), "")
@@ -94,7 +95,8 @@ def fields(context: click.Context, parameter: click.Parameter, incomplete: str, 
         layout, layouts = session.layout(header.type_name), session.layouts([header.type_name])
     except (ShmError, Rejected, ValueError, OSError):
         return []
-    return [path for path in leaves(layout, layouts, numbers=numbers) if path.startswith(incomplete)]
+    rows = [row for row in leaves(layout, layouts) if row.role == "data" and row.path.startswith(incomplete)]
+    return [row.path for row in rows if not numbers or not ("[" in row.ros or "string" in row.ros)]
 
 
 numbers = functools.partial(fields, numbers=True)
@@ -130,8 +132,6 @@ def registry(source: options.Source) -> ClassRegistry:
 
 
 def note(text: str) -> None:
-    from shmgen.core.escape import lines
-
     click.echo(click.style(lines(text), fg="yellow"), err=True)
 
 

@@ -25,8 +25,9 @@ from shmgen.runtime import (
     ServiceClient,
     ServiceServer,
     Subscriber,
+    region_name,
 )
-from shmgen.runtime.errors import LayoutMismatch, ShmError
+from shmgen.runtime.errors import LayoutMismatch, RegionMissing, ShmError
 
 
 class ClassRegistry:
@@ -55,6 +56,19 @@ class ClassRegistry:
         the errors of session_of().
         """
         return self.session_of(request, digest, part_of).message(request, part_of)
+
+    def message_of_topic(self, topic: str, request: str, part_of: str = "") -> tuple[type[Message], int]:
+        """Return the class of the message `request` for a topic, and the depth with which to open the topic.
+
+        If the topic has a region with messages of this type, the layout and the depth are those of the region.
+        Otherwise, both come from shmgen.toml. `part_of` and the errors are those of message().
+        """
+        with suppress(RegionMissing), View(region_name(topic)) as view:
+            header = view.header()
+            package, _, bare = header.type_name.partition("/")
+            if request in (header.type_name, f"{package}/{bare.rpartition('/')[2]}"):
+                return self.message(request, header.digest, part_of), depth_of(header)
+        return self.message(request, part_of=part_of), self.depth_of(topic)
 
     def session_of(self, request: str, digest: int | None = None, part_of: str = "") -> Session:
         """Return the session (the layouts of one configuration) in which the message `request` has this digest.
@@ -165,13 +179,10 @@ def watcher(
     return subscriber(kind, topic_of(view.name), depth_of(header), passive=passive, history=history, reopen=False)
 
 
-def publisher(kind: type[Message], topic: str, depth: int, *, reopen: bool = True) -> Publisher[Message]:
-    """Open the region of a topic for writing messages of the class `kind`.
-
-    The other parameters and the errors are those of Publisher.
-    """
+def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]:
+    """Open the region of a topic for writing messages of the class `kind`. Raises the errors of Publisher."""
     end: type[Publisher[Message]] = type("LivePublisher", (Publisher,), {"message_type": kind})
-    return end(topic, depth=depth, reopen=reopen)
+    return end(topic, depth=depth)
 
 
 def client(request: type[Message], reply: type[Message]) -> type[ServiceClient[Any, Any]]:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import re
-from contextlib import suppress
 from typing import Any
 
 from shmgen.core.diagnostics import Rejected
 from shmgen.live.classes import ClassRegistry, client
-from shmgen.live.regions import View
-from shmgen.runtime import Message, ServiceClient, region_name
-from shmgen.runtime.errors import RegionMissing
+from shmgen.runtime import Message, ServiceClient
 from shmgen.tools.messages import parse
 
 _TYPE = re.compile(r"([A-Za-z]\w*)/(?:srv/)?([A-Za-z]\w*)", re.ASCII)
@@ -27,27 +24,12 @@ def build(
     parts = _TYPE.fullmatch(type_name)
     if parts is None:
         raise ValueError(f"{type_name} names no service: write package/Name")
+    full_name = f"{parts[1]}/srv/{parts[2]}"
     try:
-        request, reply = (
-            _message(f"{service}-{half}", f"{parts[1]}/srv/{parts[2]}", ending, registry)
-            for half, ending in (("request", "_Request"), ("response", "_Reply"))
-        )
+        request, _ = registry.message_of_topic(f"{service}-request", f"{full_name}_Request", full_name)
+        reply, _ = registry.message_of_topic(f"{service}-response", f"{full_name}_Reply", full_name)
     except Rejected:
         if f"{parts[1]}/msg/{parts[2]}" in map(str, registry.session.library.known()):
             raise ValueError(f"{type_name} is a message, not a service; `shmgen pub` publishes it") from None
         raise
     return parse.build(request, data), client(request, reply)
-
-
-def _message(topic: str, service: str, ending: str, registry: ClassRegistry) -> type[Message]:
-    """Return the class of the request or the reply of a service.
-
-    `service` is the service type, and `ending` is the ending of the message's type name, such as "_Request". If the
-    region `topic` exists and contains messages of this type, the class has the layout of the region.
-    """
-    type_name = service + ending
-    with suppress(RegionMissing), View(region_name(topic)) as view:
-        header = view.header()
-        if header.type_name == type_name:
-            return registry.message(type_name, header.digest, service)
-    return registry.message(type_name, part_of=service)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import ast
 import ctypes
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from shmgen.core.diagnostics import closest
-from shmgen.core.model import Clock, Layout, Layouts, Ref, Role, Scalar
 from shmgen.runtime import Message
 from shmgen.targets.python.names import python_member
 from shmgen.tools.messages.format import element, field, ros_name
@@ -70,21 +69,6 @@ def _names(value: Any) -> list[str]:
     if isinstance(value, Message):
         return [ros_name(name) for name in value._names_]
     return list(getattr(value, "_fields", ())) if isinstance(value, tuple) else []
-
-
-def leaves(layout: Layout, layouts: Layouts, within: str = "", *, numbers: bool = False) -> Iterator[str]:
-    """Yield the paths of all fields, including the fields of nested messages. Each path begins with `within`.
-
-    If `numbers` is True, yield only single numbers and times, which can be plotted.
-    """
-    for slot in layout.slots:
-        if slot.role is not Role.DATA:
-            continue
-        path = f"{within}{slot.name}"
-        if isinstance(slot.type, Ref) and slot.count is None:
-            yield from leaves(layouts[slot.type.name], layouts, f"{path}.", numbers=numbers)
-        elif not numbers or (isinstance(slot.type, (Scalar, Clock)) and slot.count is None):
-            yield path
 
 
 _ALLOWED = (

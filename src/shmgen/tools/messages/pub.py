@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
-from contextlib import suppress
 from typing import Any
 
 from shmgen.live.classes import ClassRegistry, publisher
-from shmgen.live.regions import View, depth_of
-from shmgen.runtime import Message, region_name
-from shmgen.runtime.errors import RegionMissing
+from shmgen.runtime import Message
 from shmgen.tools.messages import parse
 
 HEARTBEAT = 0.05
@@ -25,8 +22,7 @@ def publish(
     The depth is the depth of the existing region, else the depth in [[topics]], else 1. Raises Rejected, ValueRejected
     and ValueError before the region is opened, and the errors of Publisher.
     """
-    digest, depth = _expected(topic, request, registry)
-    kind = registry.message(request, digest)
+    kind, depth = registry.message_of_topic(topic, request)
     message = parse.build(kind, data)
     with publisher(kind, topic, depth) as writer:
         due = time.monotonic()
@@ -40,20 +36,6 @@ def publish(
             due = max(due + 1 / rate, time.monotonic())  # no burst after a pause
             _sleep_until(due, writer.heartbeat)
             message = parse.build(kind, data)  # build again, because a stamp may be `now`
-
-
-def _expected(topic: str, request: str, registry: ClassRegistry) -> tuple[int | None, int]:
-    """Return the digest and the depth with which to publish.
-
-    If the topic has a region with messages of the type `request`, return the digest and the depth of the region.
-    Otherwise, the digest is None, and the depth comes from shmgen.toml.
-    """
-    with suppress(RegionMissing), View(region_name(topic)) as view:
-        header = view.header()
-        package, _, bare = header.type_name.partition("/")
-        if request in (header.type_name, f"{package}/{bare.rpartition('/')[2]}"):
-            return header.digest, depth_of(header)
-    return None, registry.depth_of(topic)
 
 
 def _sleep_until(due: float, heartbeat: Callable[[], None]) -> None:
