@@ -121,7 +121,8 @@ def generate(
     if depfile and opened:
         files.append(str(depfile))
         _write_depfile(depfile, filter(None, [source.file_used(), *locks, *opened.files()]))
-    requested.remember(summary, config, requests, source.file, files, began)
+    if not (written.changed or written.removed):
+        requested.remember(summary, config, requests, source.file, files, began)
 
 
 def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence[str], removed: int) -> str:
@@ -130,7 +131,7 @@ def _summary(output: Path, total: int, skipped: Sequence[str], changed: Sequence
     lines = [f"{output}: {counted(len(changed), 'file')} written, {total - len(changed)} unchanged{removed_text}"]
     lines += [f"  {output / path}" for path in changed]
     if skipped:
-        lines.append(f"{counted(len(skipped), 'message')} left out for want of a bound, see `shmgen list`:")
+        lines.append(f"{counted(len(skipped), 'message')} left out for lack of bounds, see `shmgen list`:")
         lines += [f"  {name}" for name in skipped]
     return "".join(f"{line}\n" for line in lines)
 
@@ -196,7 +197,7 @@ def _of_digest(digest: int, source: options.Source) -> Layouts:
     if match := common.registry(source).find(digest):
         session, request = match
         return session.layouts([request])
-    hint = "it was made with other bounds or types: call this where the shmgen.toml of that side is, or its layout.lock"
+    hint = "run this command in the folder of the shmgen.toml or layout.lock from which the digest was generated"
     raise Rejected(
         [Diagnostic("SHM004", f"no message here has the digest 16#{digest:016X}", Span("command line"), hint=hint)]
     )
