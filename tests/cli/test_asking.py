@@ -126,7 +126,7 @@ def test_skip_unbounded_omits_messages_and_check_agrees(folder: Path) -> None:
     result = shmgen(folder, "generate --skip-unbounded")
     assert (result.code, result.stderr) == (0, "")
     assert result.stdout.endswith(
-        "5 messages left out for want of a bound, see `shmgen list`:\n  demo_msgs/Go_Reply\n  demo_msgs/Go_Request\n"
+        "5 messages left out for lack of bounds, see `shmgen list`:\n  demo_msgs/Go_Reply\n  demo_msgs/Go_Request\n"
         "  demo_msgs/Go_Response\n  demo_msgs/Holder\n  demo_msgs/Open\n"
     )
     assert generated_names(folder) == {"plain", "held"}

@@ -137,7 +137,7 @@ def test_colcon_build_generates_code_for_every_interface_package(
 
     colcon("--base-paths", REPOSITORY / "packaging" / PLUGIN)
     output = colcon(shell=". install/local_setup.sh &&")
-    assert "1 message left out for want of a bound, see `shmgen list`:\n  statistics_msgs/MetricsMessage\n" in output
+    assert "1 message left out for lack of bounds, see `shmgen list`:\n  statistics_msgs/MetricsMessage\n" in output
     assert "  plant_msgs/Open\n" in output
 
     shares = {

@@ -87,7 +87,7 @@ def record(
         except OSError as error:
             rest = f"{counted(bag.samples, 'sample')} are in it and can be read"
             message = f"cannot write: {error.strerror or error}; {rest}"
-            hint = "make room, and record into another folder"
+            hint = "free space on the disk, and record into another folder"
             raise Rejected([Diagnostic("SHM007", message, Span(str(folder)), hint=hint)]) from error
     figures = recorder.figures
     click.echo(f"{folder}: {counted(len(bag.files), 'file')}, {_line(figures)}")

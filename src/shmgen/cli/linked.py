@@ -56,5 +56,5 @@ def check(text: str, locks: Sequence[Path]) -> None:
         before, after = (lockfile.Lock(messages={name: one.messages[name] for name in both}) for one in (theirs, ours))
         mismatches += [it.diagnostic for it in compare(before, after, str(file)) if it.severity is Severity.BREAKING]
     if mismatches:
-        hint = "to be linked, both need the same layout: the same bounds and [types], or generate that one again"
+        hint = "use the same bounds and [types] in both projects, or generate the linked project again"
         raise Rejected([one._replace(hint=hint) for one in mismatches])

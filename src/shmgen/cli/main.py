@@ -61,7 +61,7 @@ def _output_full(error: Exception) -> Diagnostic | None:
     if not isinstance(error, OSError) or error.errno not in _FULL or error.filename:
         return None
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the remaining output would fail again at exit
-    hint = "make room where the output of this command goes"
+    hint = "free space on the disk that stores the output of this command"
     return Diagnostic("SHM007", f"cannot write: {error.strerror}", Span("standard output"), hint=hint)
 
 

@@ -59,7 +59,7 @@ def lines_of(text: str, path: str, report: Report) -> list[Line]:
     for line in lines if _CONTROL.search(text) else ():
         if control := _CONTROL.search(line.text):
             code = f"U+{ord(control[0]):04X}"
-            report.error("SHM003", f"control character {code}", line.span(control.start(), 1), hint="take it out")
+            report.error("SHM003", f"control character {code}", line.span(control.start(), 1), hint="remove it")
             return []
     return lines
 
