@@ -76,27 +76,16 @@ class Group:
         return [([name for _, name in part], sum(seconds for seconds, _ in part)) for part in parts if part]
 
 
-def plan() -> tuple[list[Group], list[dict[str, str]]]:
-    """Return the groups of files in mutants.toml, and the mutants that it explains.
-
-    A file belongs to the first group that names it.
-    """
+def plan() -> tuple[list[Group], dict[tuple[str, ...], str]]:
+    """Return the groups of files in mutants.toml, and for the key of each harmless mutant the reason."""
     table = tomllib.loads(PLAN.read_text())
     every = sorted(str(file.relative_to(REPOSITORY / CODE)) for file in (REPOSITORY / CODE).rglob("*.py"))
     groups: list[Group] = []
-    for entry in table["room"]:
+    for entry in table["group"]:
         others = {file for group in groups for file in group.files}
         matching = [file for file in every if any(fnmatch(file, pattern) for pattern in entry["files"])]
         groups.append(Group([file for file in matching if file not in others], entry["tests"], entry.get("native", [])))
-    return groups, table.get("survivor", [])
-
-
-def unexplained(mutants: list[Mutant], survivors: list[dict[str, str]]) -> tuple[list[Mutant], list[dict[str, str]]]:
-    """Return the mutants that mutants.toml does not explain, and its explanations of mutants that do not exist."""
-    keys = [(entry["file"], entry["where"], entry["was"], entry["now"]) for entry in survivors]
-    known = {mutant.key for mutant in mutants}
-    stale = [entry for key, entry in zip(keys, survivors, strict=True) if key not in known]
-    return [mutant for mutant in mutants if mutant.key not in keys], stale
+    return groups, {(it["file"], *change): it["why"] for it in table["harmless"] for change in it["changes"]}
 
 
 def try_all(mutants: list[Mutant], groups: list[Group], processes: int, seconds: float) -> Iterator[tuple[Mutant, str]]:
@@ -152,12 +141,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=float("inf"), help="after which no further mutant is tried")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     args = parser.parse_args()
-    groups, survivors = plan()
+    groups, harmless = plan()
     files = [file for group in groups for file in group.files if any(fnmatch(file, p) for p in args.files or ["*"])]
     if not files:
         parser.error(f"mutants.toml names no file that matches {' '.join(args.files)}")
     every = [mutant for file in files for mutant in mutants_of(file, (REPOSITORY / CODE / file).read_bytes())]
-    mutants, _ = unexplained(every, survivors)
+    mutants = [mutant for mutant in every if mutant.key not in harmless]
     print(f"{len(every)} mutants of {len(files)} files, {len(every) - len(mutants)} explained", flush=True)
     if args.sample is not None and args.sample < len(mutants):
         mutants = sorted(random.Random(args.seed).sample(mutants, args.sample))
