@@ -1,8 +1,9 @@
 #!/bin/sh
-# Makes shmgen_VERSION_ARCHITECTURE.deb in the folder where it is called, for the Debian or Ubuntu it runs on:
+# Build shmgen_VERSION_ARCHITECTURE.deb in the current folder, for the Debian or Ubuntu of this machine:
 #     contrib/debian/make_deb.sh && sudo apt install ./shmgen_*.deb
-# What reads .idl is python3-rosidl, which apt brings with it. What is not Debian's own (rosbags and others) is in /usr/lib/shmgen, where no other program sees it.
-# Needs python3-venv. With gcc and python3-dev there, publish and read are quicker. DEBFULLNAME and DEBEMAIL are who answers for it.
+# apt also installs python3-rosidl, which reads .idl. Packages that Debian lacks, such as rosbags, are installed into /usr/lib/shmgen, where
+# other programs do not find them. The script requires python3-venv. With gcc and python3-dev, the package contains the faster extension in C.
+# DEBFULLNAME and DEBEMAIL name the maintainer of the package.
 set -eu
 source=$(cd "$(dirname "$0")/../.." && pwd)
 work=$(mktemp -d)
@@ -18,7 +19,7 @@ cat > "$root/usr/bin/shmgen" <<'PROGRAM'
 #!/usr/bin/python3
 import sys
 
-sys.path.insert(1, "/usr/lib/shmgen")  # rospy and rclpy are found as for any program of this Python
+sys.path.insert(1, "/usr/lib/shmgen")  # rospy and rclpy are found as in all programs of this Python
 from shmgen.__main__ import main
 
 sys.exit(main())
@@ -39,10 +40,10 @@ Depends: $python
 Recommends: python3-rosidl
 Section: devel
 Priority: optional
-Description: Shared-memory bridge code between CODESYS softPLCs and ROS
- Reads ROS message definitions and writes the code for both sides, all from one memory layout.
+Description: Shared-memory bridge code between CODESYS soft PLCs and ROS
+ shmgen reads ROS message definitions and generates the code of both sides from one memory layout.
 CONTROL
-# dpkg does not know what Python has compiled there, where root ran it.
+# If root has run shmgen, Python has written bytecode there that dpkg does not know.
 cat > "$root/DEBIAN/postrm" <<'REMOVED'
 #!/bin/sh
 set -e

@@ -1,11 +1,11 @@
-# rosidl_generate_interfaces() of a package calls this, in its own scope: the package's definitions, and those that it
-# depends on where they are installed, into one call of shmgen_generate().
+# rosidl_generate_interfaces() of a package includes this file in its own scope. The file calls shmgen_generate() with the
+# definitions of the package and the installed definitions of its dependencies.
 set(_shm_target ${rosidl_generate_interfaces_TARGET}__rosidl_generator_shmgen)
 set(_shm_home "${CMAKE_CURRENT_BINARY_DIR}/rosidl_generator_shmgen")
 set(_shm_arguments "")
 
-# shmgen.toml beside CMakeLists.txt, also one that appears later. Without one nobody has asked for anything: then what
-# cannot be laid out is left out, with a word, and the package is built.
+# Use shmgen.toml beside CMakeLists.txt, even if the file is added later. Without shmgen.toml, messages without a bound are
+# left out with a warning, so that every package can be built.
 file(GLOB _shm_config CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/shmgen.toml")
 if(NOT _shm_config)
   set(_shm_config "${_shm_home}/defaults/shmgen.toml")
@@ -17,7 +17,7 @@ if(NOT _shm_targets)
   list(APPEND _shm_arguments TARGETS c cpp cpp_ros2 st plcopen)
 endif()
 
-# What the package gives to rosidl and nothing else of its folder; .msg where there is one, as that has the comments.
+# Link only the definitions that the package passes to rosidl: .msg files if possible, because .msg files have comments.
 if(NOT DEFINED _interface_tuples)
   set(_interface_tuples ${rosidl_generate_interfaces_IDL_TUPLES})
 endif()

@@ -1,38 +1,38 @@
-# find_package(shmgen) gives shmgen_generate(): bindings written at build time, and a target to link headers from.
+# find_package(shmgen) defines shmgen_generate(), which generates code when the project is built.
 #
 #   shmgen_generate(<target>
-#     [CONFIG <shmgen.toml>]       default: the one beside CMakeLists.txt
-#     [INCLUDE <folder>...]        where message packages are looked for before all others
+#     [CONFIG <shmgen.toml>]       default: shmgen.toml beside CMakeLists.txt
+#     [INCLUDE <folder>...]        folders of message packages, with precedence over all others
 #     [OUTPUT <folder>]            default: <build folder>/<target>
-#     [TARGETS <target>...]        what to write, c and cpp and so on; default: the `targets` of shmgen.toml
-#     [MESSAGES <type|package>...] what to write it of; default: the `messages` of shmgen.toml
-#     [LINK <folder>...]           where another call has installed its layout.lock: what that has written is not written
-#                                  again, so link its target too
-#     [OPTIONAL]                   leave out messages without a bound; if nothing can be written, warn and make no <target>
-#     [HEADERS <folder>]           where they are installed; default: include
-#     [INSTALL])                   headers, and Python, Structured Text and layout.lock to share/<project>/shmgen
+#     [TARGETS <target>...]        shmgen's targets, such as c and cpp; default: `targets` in shmgen.toml
+#     [MESSAGES <type|package>...] default: `messages` in shmgen.toml
+#     [LINK <folder>...]           folders with an installed layout.lock: files of its messages are not generated again, so
+#                                  link their target too
+#     [OPTIONAL]                   leave out messages without a bound; if none is left, warn and define no <target>
+#     [HEADERS <folder>]           folder for installed headers; default: include
+#     [INSTALL])                   install headers, and into share/<project>/shmgen Python, Structured Text and layout.lock
 #
-# <target> is an INTERFACE library: linked, it gives the headers of OUTPUT/c, cpp, cpp_ros1 and cpp_ros2, and what they
-# need of the system. Python is in OUTPUT/python. All is written anew when shmgen.toml, a definition that was read or its
-# package.xml has changed, wherever it lies, and when there is one more below the INCLUDE folders or that of shmgen.toml.
+# <target> is an INTERFACE library with the headers in OUTPUT/c, cpp, cpp_ros1 and cpp_ros2, and the system libraries that
+# they need. Python code is in OUTPUT/python. The build generates again if shmgen.toml, a definition that was read or its
+# package.xml changes, or if a definition is added below the folder of shmgen.toml or an INCLUDE folder.
 #
 #   shmgen_library(<target> [INSTALL])
 #
-# after shmgen_generate(<target>) builds the functions of its C headers as libshmgen.so and libshmgen.a, the targets
-# shmgen_shared and shmgen_static, for programs in other languages, and installs them with shmgen.pc for pkg-config.
+# builds the functions of the C headers for programs in other languages, as libshmgen.so and libshmgen.a (the targets
+# shmgen_shared and shmgen_static). Call it after shmgen_generate(<target>). INSTALL also installs shmgen.pc for pkg-config.
 cmake_minimum_required(VERSION 3.20)
 
 find_program(SHMGEN_EXECUTABLE shmgen HINTS "${CMAKE_CURRENT_LIST_DIR}/../../../bin")
 if(NOT SHMGEN_EXECUTABLE)
   set(shmgen_FOUND FALSE)
-  set(shmgen_NOT_FOUND_MESSAGE "no program shmgen in PATH: install it with pip, and start from the environment that has it")
+  set(shmgen_NOT_FOUND_MESSAGE "the program shmgen is not in PATH: install it with pip, and activate its environment")
   return()
 endif()
 
 function(shmgen_generate target)
   cmake_parse_arguments(PARSE_ARGV 1 ARG "INSTALL;OPTIONAL" "CONFIG;OUTPUT;HEADERS" "INCLUDE;TARGETS;MESSAGES;LINK")
   if(ARG_UNPARSED_ARGUMENTS)
-    message(FATAL_ERROR "shmgen_generate(${target}): what is ${ARG_UNPARSED_ARGUMENTS}?")
+    message(FATAL_ERROR "shmgen_generate(${target}): unknown arguments: ${ARG_UNPARSED_ARGUMENTS}")
   endif()
   if(NOT ARG_CONFIG)
     set(ARG_CONFIG shmgen.toml)
@@ -56,8 +56,8 @@ function(shmgen_generate target)
       list(APPEND options -I "${folder}")
     endif()
   endforeach()
-  foreach(wanted IN LISTS ARG_TARGETS)
-    list(APPEND options -t "${wanted}")
+  foreach(language IN LISTS ARG_TARGETS)
+    list(APPEND options -t "${language}")
   endforeach()
   if(ARG_MESSAGES)
     list(APPEND options --only ${ARG_MESSAGES})
@@ -71,20 +71,20 @@ function(shmgen_generate target)
   set(stamp "${CMAKE_CURRENT_BINARY_DIR}/${target}.stamp")
   set(headers "${ARG_OUTPUT}/c" "${ARG_OUTPUT}/cpp" "${ARG_OUTPUT}/cpp_ros1" "${ARG_OUTPUT}/cpp_ros2")
   set(generate "${SHMGEN_EXECUTABLE}" generate --config "${config}" --output "${ARG_OUTPUT}" ${options})
-  # Ninja compiles anew for headers that it knows to be made; what this run fails for, the build says.
-  execute_process(COMMAND ${generate} OUTPUT_VARIABLE said ERROR_VARIABLE error RESULT_VARIABLE failed)
+  # Ninja recompiles only for changed headers that are listed as byproducts. The build reports errors of this run.
+  execute_process(COMMAND ${generate} OUTPUT_VARIABLE output ERROR_VARIABLE error RESULT_VARIABLE failed)
   if(ARG_OPTIONAL AND failed)
-    message(WARNING "shmgen writes nothing of ${ARG_MESSAGES}:\n${error}")
+    message(WARNING "shmgen generates no code for ${ARG_MESSAGES}:\n${error}")
     return()
-  elseif(said MATCHES "[0-9]+ messages? left out.*")
+  elseif(output MATCHES "[0-9]+ messages? left out.*")
     message(STATUS "shmgen: ${CMAKE_MATCH_0}")
   endif()
   list(TRANSFORM headers APPEND "/*.h*" OUTPUT_VARIABLE patterns)
-  file(GLOB_RECURSE made ${patterns})
+  file(GLOB_RECURSE existing_headers ${patterns})
   set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS "${config}")
   add_custom_command(
     OUTPUT "${stamp}"
-    BYPRODUCTS ${made}
+    BYPRODUCTS ${existing_headers}
     COMMAND ${generate} --quiet --depfile "${stamp}.d"
     COMMAND "${CMAKE_COMMAND}" -E touch "${stamp}"
     DEPENDS "${config}" ${definitions}
@@ -98,7 +98,7 @@ function(shmgen_generate target)
   target_include_directories(${target} SYSTEM INTERFACE
     "$<BUILD_INTERFACE:${headers}>" "$<INSTALL_INTERFACE:${ARG_HEADERS}>")
   if(UNIX)
-    target_link_libraries(${target} INTERFACE pthread rt)  # in the C library itself since glibc 2.34
+    target_link_libraries(${target} INTERFACE pthread rt)  # part of the C library since glibc 2.34
   endif()
   if(ARG_INSTALL)
     foreach(folder IN LISTS headers)
@@ -116,7 +116,7 @@ function(shmgen_library target)
   get_target_property(installed ${target} SHMGEN_INSTALLED)
   file(GLOB source "${headers}/*/shmgen_library.c")
   if(NOT source)
-    message(FATAL_ERROR "shmgen_library(${target}): it has no C headers; add c to the TARGETS of shmgen_generate(${target})")
+    message(FATAL_ERROR "shmgen_library(${target}): no C headers; add c to the TARGETS of shmgen_generate(${target})")
   endif()
   string(REGEX REPLACE "c$" "map" map "${source}")
   foreach(kind IN ITEMS SHARED STATIC)
