@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shmgen.core.model import Layout, Layouts, Output, Ref, Regions, Role, Slot, String
 from shmgen.targets.c.names import c_member, ends_header, header, struct_name
-from shmgen.targets.c.text import in_comment, quoted
+from shmgen.targets.c.text import Head, head, quoted
 from shmgen.targets.counts import bound, counts
 
 _ENDS = "status link access lock wake open publisher subscriber borrow wait_any calls client server runtime notifier"
@@ -22,10 +22,7 @@ class Ends(NamedTuple):
     check a received message.
     """
 
-    title: str
-    origin: str
-    guard: str
-    includes: tuple[str, ...]
+    head: Head
     struct: str
     requested: bool
     mode: str
@@ -47,14 +44,13 @@ def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Ou
     path = ends_header(name, package)
     includes = [f"{package}/shmgen_runtime.h", header(name, package)]
     includes += sorted(ends_header(inner, package) for inner in layout.dependencies)
+    ends = f"{struct_name(name)}_publisher, {struct_name(name)}_subscriber"
+    summary = f"The publisher and the subscriber of {name} in shared memory: {ends}."
     return Output(
         f"c/{path}",
         "c/ends.h.j2",
         Ends(
-            title=str(name),
-            origin=in_comment(layout.message.origin),
-            guard=path.upper().replace("/", "_").replace(".", "_"),
-            includes=tuple(includes),
+            head=head(summary, layout.message.origin, path, includes),
             struct=struct_name(name),
             requested=layout.requested,
             mode=mode(regions),

@@ -19,13 +19,12 @@ from shmgen.core.model import (
     assert_never,
     ros_type,
 )
-from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.c import calls, ends, region
 from shmgen.targets.c.names import NAMES as NAMES
 from shmgen.targets.c.names import c_member, header, macro, struct_name
+from shmgen.targets.c.text import Head, in_comment, literal, message_head
 from shmgen.targets.c.text import element as c_element
-from shmgen.targets.c.text import in_comment, literal
 from shmgen.targets.counts import bound, counts, holds_counts
 
 _CLOCK_UNITS = {"TIME": "ms", "LTIME": "ns", "struct": "s and ns"}
@@ -50,14 +49,11 @@ class Define(NamedTuple):
 class Header(NamedTuple):
     """The template data for one message's header, as finished C code."""
 
-    title: str
-    origin: str
-    guard: str
-    includes: tuple[str, ...]
+    head: Head
     doc: tuple[str, ...]
+    title: str
     struct: str
     size: str
-    bytes: str
     digest: str
     defines: tuple[Define, ...]
     members: tuple[Member, ...]
@@ -98,16 +94,13 @@ def fits_piece(name: TypeName) -> str:
 
 
 def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
-    struct = struct_name(layout.name)
+    includes = [f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)]
     return Header(
-        title=str(layout.name),
-        origin=in_comment(layout.message.origin),
-        guard=header(layout.name, package).upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)),
+        head=message_head(layout, header(layout.name, package), includes),
         doc=tuple(in_comment(layout.message.doc).splitlines()),
-        struct=struct,
+        title=str(layout.name),
+        struct=struct_name(layout.name),
         size=str(layout.size),
-        bytes=counted(layout.size, "byte"),
         digest=f"{layout.digest:016x}",
         defines=tuple(
             Define(
