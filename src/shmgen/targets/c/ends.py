@@ -10,7 +10,7 @@ from shmgen.targets.c.names import c_member, ends_header, header, struct_name
 from shmgen.targets.c.text import Head, head, quoted
 from shmgen.targets.counts import bound, counts
 
-_ENDS = "status link access lock wake open publisher subscriber borrow wait_any calls client server runtime notifier"
+_ENDS = "status link access lock wake open publisher subscriber borrow calls client server runtime notifier"
 RUNTIME = (*_ENDS.split(), "block", "block_calls")
 """Handwritten headers in templates/c. Each needs the headers before it. The last two serve function blocks in C."""
 
