@@ -9,9 +9,8 @@ from shmgen.core.model import Layout, Layouts, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.counts import holds_counts
-from shmgen.targets.openplc.blocks import Block, Blocks, enter, fill
+from shmgen.targets.openplc.blocks import Block, Blocks, copies, enter, fill
 from shmgen.targets.openplc.compiler import Compiler
-from shmgen.targets.openplc.copying import copies
 from shmgen.targets.st import names as st
 
 
