@@ -10,12 +10,6 @@ from shmgen.targets import interfaces
 from shmgen.targets.c.names import calls_header, calls_name, ends_header, struct_name
 from shmgen.targets.c.text import Head, head
 
-_MEMBERS = {
-    "srv": {"request": "_Request", "response": "_Reply"},
-    "action": {"request": "_Command", "response": "_Outcome", "progress": "_Progress"},
-}
-"""The members of the C structure shmgen_interface, each with the ending of its message."""
-
 
 class Part(NamedTuple):
     """A member of the C structure shmgen_interface, such as `request`, and the name of its messages' C structure."""
@@ -54,7 +48,7 @@ def plan(layouts: Layouts, package: str) -> Iterator[Output]:
 
 def _output(name: TypeName, layouts: Layouts, package: str) -> Output:
     path = calls_header(name, package)
-    messages = {member: name.part(ending) for member, ending in _MEMBERS[name.kind].items()}
+    messages = {member: name.part(ending) for member, ending in interfaces.REGIONS[name.kind].items()}
     parts = tuple(Part(member, struct_name(one)) for member, one in messages.items())
     includes = [f"{package}/shmgen_client.h", f"{package}/shmgen_server.h"]
     includes += sorted(ends_header(one, package) for one in messages.values())

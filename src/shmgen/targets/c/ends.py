@@ -15,6 +15,26 @@ RUNTIME = (*_ENDS.split(), "block", "block_calls")
 """Handwritten headers in templates/c. Each needs the headers before it. The last two serve function blocks in C."""
 
 
+class RegionSettings(NamedTuple):
+    """The settings in `[regions]` of shmgen.toml as C expressions.
+
+    `mode` is an octal number, or `0` if the mode is not set. `group` is a string, or `NULL` if the group is not set.
+    `sequence` is `1` for `sync = "sequence"`, which means regions without a lock, otherwise `0`.
+    """
+
+    mode: str
+    group: str
+    sequence: str
+
+
+def region_settings(regions: Regions) -> RegionSettings:
+    return RegionSettings(
+        mode=f"0{regions.mode:o}" if regions.mode else "0",
+        group=quoted(regions.group.encode()) if regions.group else "NULL",
+        sequence="1" if regions.sync == "sequence" else "0",
+    )
+
+
 class Ends(NamedTuple):
     """The template data for the header with a message's publisher and subscriber.
 
@@ -25,9 +45,7 @@ class Ends(NamedTuple):
     head: Head
     struct: str
     requested: bool
-    mode: str
-    group: str
-    sequence: str
+    settings: RegionSettings
     check: tuple[str, ...]
     receive: tuple[str, ...]
 
@@ -53,28 +71,11 @@ def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Ou
             head=head(summary, layout.message.origin, path, includes),
             struct=struct_name(name),
             requested=layout.requested,
-            mode=mode(regions),
-            group=group(regions),
-            sequence=sequence(regions),
+            settings=region_settings(regions),
             check=tuple(_check(layout, layouts)) or ("(void)sent;", "(void)path;"),
             receive=tuple(_receive(layout, layouts)) or ("(void)copy;", "(void)path;"),
         ),
     )
-
-
-def mode(regions: Regions) -> str:
-    """Return `mode` of `[regions]` in shmgen.toml as an octal C number, or `0` if the mode is not set."""
-    return f"0{regions.mode:o}" if regions.mode else "0"
-
-
-def group(regions: Regions) -> str:
-    """Return `group` of `[regions]` as a C string literal, or `NULL` if the group is not set."""
-    return quoted(regions.group.encode()) if regions.group else "NULL"
-
-
-def sequence(regions: Regions) -> str:
-    """Return `1` if shmgen.toml sets `sync = "sequence"`, which means regions without a lock, otherwise `0`."""
-    return "1" if regions.sync == "sequence" else "0"
 
 
 def limits(layout: Layout, layouts: Layouts) -> bool:

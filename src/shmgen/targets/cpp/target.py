@@ -37,9 +37,7 @@ class Header(NamedTuple):
     size: str
     digest: str
     literal: str
-    mode: str
-    group: str
-    sequence: str
+    settings: ends.RegionSettings
     constants: tuple[str, ...]
     members: tuple[Member, ...]
     visits: str
@@ -76,9 +74,7 @@ def _header(layout: Layout, package: str, regions: Regions) -> Header:
         size=str(layout.size),
         digest=f"{layout.digest:016x}",
         literal=quoted(str(name).encode()),
-        mode=ends.mode(regions),
-        group=ends.group(regions),
-        sequence=ends.sequence(regions),
+        settings=ends.region_settings(regions),
         constants=tuple(constant_line(constant, layout.options) for constant in message.constants),
         members=tuple(members(layout, package)),
         visits=visits(layout),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from shmgen.core.model import TypeName
 from shmgen.targets import Job
-from shmgen.targets.c.ends import RUNTIME, group
+from shmgen.targets.c.ends import RUNTIME, region_settings
 from shmgen.targets.c.target import fits_piece, struct_piece
 
 
@@ -26,7 +26,8 @@ class Code(NamedTuple):
 
 def code(job: Job) -> Code:
     texts = {one.output.path: one.text for one in job.rendered["c"]}
-    group_line = [f"#define SHMGEN_GROUP {group(job.options.regions)}"] if job.options.regions.group else []
+    regions = job.options.regions
+    group_line = [f"#define SHMGEN_GROUP {region_settings(regions).group}"] if regions.group else []
     headers = ("shmgen.h", *(f"shmgen_{name}.h" for name in RUNTIME))
     lines = [line for header in headers for line in texts[f"c/{job.package}/{header}"].splitlines()]
     includes = {line.split()[1].strip("<>") for line in lines if line.startswith("#include <")}
