@@ -1,4 +1,4 @@
-"""Generate the C header with a message's publisher and subscriber, and the protocol's headers that it includes."""
+"""Generate the parts of the C header with a message's publisher and subscriber, and the protocol's headers."""
 
 from __future__ import annotations
 
@@ -35,47 +35,20 @@ def region_settings(regions: Regions) -> RegionSettings:
     )
 
 
-class Ends(NamedTuple):
-    """The template data for the header with a message's publisher and subscriber.
-
-    `check` contains the C statements that check a message before it is sent. `receive` contains the C statements that
-    check a received message.
-    """
-
-    head: Head
-    struct: str
-    requested: bool
-    settings: RegionSettings
-    check: tuple[str, ...]
-    receive: tuple[str, ...]
-
-
 def runtime(folder: str) -> Iterator[Output]:
     """Yield the protocol's headers in `folder`, such as `c/shm_msgs`."""
     for name in RUNTIME:
         yield Output(f"{folder}/shmgen_{name}.h", f"c/shmgen_{name}.h", None)
 
 
-def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Output:
-    """Return the header of a message's publisher and subscriber, `c/<package>/<ros package>/msg/pose_shm.h`."""
+def ends_head(layout: Layout, package: str) -> Head:
+    """Return the start of the header with a message's publisher and subscriber."""
     name = layout.name
-    path = ends_header(name, package)
     includes = [f"{package}/shmgen_runtime.h", header(name, package)]
     includes += sorted(ends_header(inner, package) for inner in layout.dependencies)
     ends = f"{struct_name(name)}_publisher, {struct_name(name)}_subscriber"
     summary = f"The publisher and the subscriber of {name} in shared memory: {ends}."
-    return Output(
-        f"c/{path}",
-        "c/ends.h.j2",
-        Ends(
-            head=head(summary, layout.message.origin, path, includes),
-            struct=struct_name(name),
-            requested=layout.requested,
-            settings=region_settings(regions),
-            check=tuple(_check(layout, layouts)) or ("(void)sent;", "(void)path;"),
-            receive=tuple(_receive(layout, layouts)) or ("(void)copy;", "(void)path;"),
-        ),
-    )
+    return head(summary, layout.message.origin, ends_header(name, package), includes)
 
 
 def limits(layout: Layout, layouts: Layouts) -> bool:
@@ -93,12 +66,13 @@ def limited(slot: Slot, layouts: Layouts) -> bool:
     return slot.role is Role.COUNT or isinstance(slot.type, String)
 
 
-def _check(layout: Layout, layouts: Layouts) -> Iterator[str]:
+def check(layout: Layout, layouts: Layouts) -> Iterator[str]:
     """Yield the C statements that check a message before it is sent. `sent` is the message's pointer in C.
 
     The statements return an error for the first field that exceeds its bound.
     """
     if not limits(layout, layouts):
+        yield from ("(void)sent;", "(void)path;")
         return
     struct = struct_name(layout.name)
     yield f"const {struct} *message = (const {struct} *)sent;"
@@ -120,12 +94,13 @@ def _checked(slot: Slot, member: str, at: str) -> Iterator[str]:
         yield f"    return {at}, status);"
 
 
-def _receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
+def receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
     """Yield the C statements that check the counts in a received message and terminate its strings.
 
     `copy` is the message's pointer in C.
     """
     if not limits(layout, layouts):
+        yield from ("(void)copy;", "(void)path;")
         return
     struct = struct_name(layout.name)
     yield f"{struct} *message = ({struct} *)copy;"

@@ -22,7 +22,7 @@ from shmgen.core.model import (
 from shmgen.targets import Job
 from shmgen.targets.c import calls, ends, region
 from shmgen.targets.c.names import NAMES as NAMES
-from shmgen.targets.c.names import c_member, header, macro, struct_name
+from shmgen.targets.c.names import c_member, ends_header, header, macro, struct_name
 from shmgen.targets.c.text import Head, in_comment, literal, message_head
 from shmgen.targets.c.text import element as c_element
 from shmgen.targets.counts import bound, counts, holds_counts
@@ -47,7 +47,11 @@ class Define(NamedTuple):
 
 
 class Header(NamedTuple):
-    """The template data for one message's header, as finished C code."""
+    """The template data for a message's header and for the header of its publisher and subscriber, as finished C code.
+
+    `valid`, `check` and `receive` contain the C statements that check the message: its counts, all that publishing
+    requires, and a received message.
+    """
 
     head: Head
     doc: tuple[str, ...]
@@ -58,6 +62,10 @@ class Header(NamedTuple):
     defines: tuple[Define, ...]
     members: tuple[Member, ...]
     valid: tuple[str, ...]
+    requested: bool
+    settings: ends.RegionSettings
+    check: tuple[str, ...]
+    receive: tuple[str, ...]
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
@@ -67,33 +75,25 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     for file in ("shmgen_library.c", "shmgen_library.map"):
         yield Output(f"c/{job.package}/{file}", f"c/{file}", None)
     for name, layout in job.layouts.items():
-        view = _header(layout, job.layouts, job.package)
+        view = _header(layout, job)
         yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", view)
-        yield Output(struct_piece(name), "c/struct.h.j2", view, piece=True)
-        end = ends.plan(layout, job.layouts, job.package, job.options.regions)
-        yield end
-        yield end._replace(path=fits_piece(name), template="c/fits.h.j2", piece=True)
+        yield Output(piece(name), "c/piece.h.j2", view, piece=True)
+        ends_view = view._replace(head=ends.ends_head(layout, job.package))
+        yield Output(f"c/{ends_header(name, job.package)}", "c/ends.h.j2", ends_view)
     yield from calls.plan(job.layouts, job.package)
 
 
-def struct_piece(name: TypeName) -> str:
-    """Return the path of a piece: C code with a message's structure, asserted offsets, type name and digest.
+def piece(name: TypeName) -> str:
+    """Return the path of a piece, which is not written to a file; other targets include it in their files.
 
-    A piece is not written to a file; other targets include it in their files. This piece contains no text from the
-    user's definitions.
+    The piece contains a message's structure, asserted offsets, type name and digest, and the functions that check its
+    counts and strings. The piece contains no text from the user's definitions.
     """
-    return f"c/struct/{struct_name(name)}"
+    return f"c/piece/{struct_name(name)}"
 
 
-def fits_piece(name: TypeName) -> str:
-    """Return the path of a piece: C code with the functions that check a message's counts and strings.
-
-    A piece is not written to a file; other targets include it in their files.
-    """
-    return f"c/fits/{struct_name(name)}"
-
-
-def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
+def _header(layout: Layout, job: Job) -> Header:
+    layouts, package = job.layouts, job.package
     includes = [f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)]
     return Header(
         head=message_head(layout, header(layout.name, package), includes),
@@ -112,6 +112,10 @@ def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
         ),
         members=tuple(_member(slot, layout) for slot in layout.slots),
         valid=tuple(_valid(layout, layouts)) or ("(void)message;",),
+        requested=layout.requested,
+        settings=ends.region_settings(job.options.regions),
+        check=tuple(ends.check(layout, layouts)),
+        receive=tuple(ends.receive(layout, layouts)),
     )
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from shmgen.core.model import TypeName
 from shmgen.targets import Job
 from shmgen.targets.c.ends import RUNTIME, region_settings
-from shmgen.targets.c.target import fits_piece, struct_piece
+from shmgen.targets.c.target import piece
 
 
 class Code(NamedTuple):
@@ -32,5 +32,5 @@ def code(job: Job) -> Code:
     lines = [line for header in headers for line in texts[f"c/{job.package}/{header}"].splitlines()]
     includes = {line.split()[1].strip("<>") for line in lines if line.startswith("#include <")}
     protocol = (*group_line, *(line for line in lines if not line.startswith("#include")))
-    messages = {name: f"{texts[struct_piece(name)]}\n{texts[fits_piece(name)]}" for name in job.layouts}
-    return Code(tuple(sorted(includes)), protocol, {name: tuple(text.splitlines()) for name, text in messages.items()})
+    messages = {name: tuple(texts[piece(name)].splitlines()) for name in job.layouts}
+    return Code(tuple(sorted(includes)), protocol, messages)
