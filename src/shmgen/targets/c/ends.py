@@ -76,7 +76,7 @@ def check(layout: Layout, layouts: Layouts) -> Iterator[str]:
         return
     struct = struct_name(layout.name)
     yield f"const {struct} *message = (const {struct} *)sent;"
-    if any(isinstance(slot.type, Ref) for slot, _, _ in _fields(layout, layouts)):
+    if any(isinstance(slot.type, Ref) and limited(slot, layouts) for slot in layout.slots):
         yield "shmgen_status status;"
     yield from _counts(layout)
     yield from _each(layout, layouts, _checked)
@@ -125,33 +125,22 @@ def _each(layout: Layout, layouts: Layouts, statements: Callable[[Slot, str, str
     The function `statements` returns the statements for one value. Its arguments are the field, the C expression for
     the value, and the beginning of the C call that records the path of the field for error messages.
     """
-    for slot, path, last in _fields(layout, layouts):
-        member = f"message->{c_member(slot.name)}"
-        if last:
-            yield f"for (uint32_t element = 0; element < {last}; element++) {{"
-            at = f"shmgen_at_element(path, {path}, element"
-            yield from (f"    {one}" for one in statements(slot, f"{member}[element]", at))
-            yield "}"
-        else:
+    counted = counts(layout)
+    for slot in layout.slots:
+        if slot.role is not Role.DATA or not limited(slot, layouts):
+            continue
+        member, path = f"message->{c_member(slot.name)}", quoted(slot.name.encode())
+        if slot.count is None:
             yield from statements(slot, member, f"shmgen_at(path, {path}")
+            continue
+        last = f"message->{c_member(counted[slot.name].name)}" if slot.name in counted else str(slot.count)
+        yield f"for (uint32_t element = 0; element < {last}; element++) {{"
+        at = f"shmgen_at_element(path, {path}, element"
+        yield from (f"    {one}" for one in statements(slot, f"{member}[element]", at))
+        yield "}"
 
 
 def _counts(layout: Layout) -> Iterator[str]:
     for name, count in counts(layout).items():
         yield f"if (message->{c_member(count.name)} > {bound(count)})"
         yield f"    return shmgen_at(path, {quoted(name.encode())}, SHMGEN_COUNT_EXCEEDED);"
-
-
-def _fields(layout: Layout, layouts: Layouts) -> Iterator[tuple[Slot, str, str]]:
-    """Yield each field with a sequence or a string, its name as a C literal, and its element count in C.
-
-    The element count is `""` for a single value.
-    """
-    counted = counts(layout)
-    for slot in layout.slots:
-        if slot.role is not Role.DATA or not limited(slot, layouts):
-            continue
-        last = "" if slot.count is None else str(slot.count)
-        if slot.name in counted:
-            last = f"message->{c_member(counted[slot.name].name)}"
-        yield slot, quoted(slot.name.encode()), last
