@@ -8,6 +8,7 @@ from typing import NamedTuple
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import (
     Clock,
+    Constant,
     Layout,
     Layouts,
     Output,
@@ -40,12 +41,6 @@ class Member(NamedTuple):
     comment: str
 
 
-class Define(NamedTuple):
-    name: str
-    value: str
-    comment: str
-
-
 class Header(NamedTuple):
     """The template data for a message's header and for the header of its publisher and subscriber, as finished C code.
 
@@ -59,7 +54,7 @@ class Header(NamedTuple):
     struct: str
     size: str
     digest: str
-    defines: tuple[Define, ...]
+    defines: tuple[str, ...]
     members: tuple[Member, ...]
     valid: tuple[str, ...]
     requested: bool
@@ -102,14 +97,7 @@ def _header(layout: Layout, job: Job) -> Header:
         struct=struct_name(layout.name),
         size=str(layout.size),
         digest=f"{layout.digest:016x}",
-        defines=tuple(
-            Define(
-                macro(layout.name, constant.name),
-                literal(constant, layout.options),
-                _beside(constant.doc),
-            )
-            for constant in layout.message.constants
-        ),
+        defines=tuple(_define(constant, layout) for constant in layout.message.constants),
         members=tuple(_member(slot, layout) for slot in layout.slots),
         valid=tuple(_valid(layout, layouts)) or ("(void)message;",),
         requested=layout.requested,
@@ -117,6 +105,13 @@ def _header(layout: Layout, job: Job) -> Header:
         check=tuple(ends.check(layout, layouts)),
         receive=tuple(ends.receive(layout, layouts)),
     )
+
+
+def _define(constant: Constant, layout: Layout) -> str:
+    """Return the definition of the macro for a constant, with the constant's comment."""
+    comment = _beside(constant.doc)
+    define = f"#define {macro(layout.name, constant.name)} {literal(constant, layout.options)}"
+    return f"{define} /* {comment} */" if comment else define
 
 
 def _member(slot: Slot, layout: Layout) -> Member:
