@@ -10,7 +10,7 @@
 #ifndef SHMGEN_NOTIFIER_H
 #define SHMGEN_NOTIFIER_H
 
-#include "shmgen_wait_any.h"
+#include "shmgen_subscriber.h"
 
 #include <pthread.h>
 #include <stdlib.h>

@@ -8,6 +8,5 @@
 
 #include "shmgen_borrow.h"
 #include "shmgen_publisher.h"
-#include "shmgen_wait_any.h"
 
 #endif

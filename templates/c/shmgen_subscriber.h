@@ -398,26 +398,45 @@ static inline shmgen_status shmgen_listen(shmgen_subscriber *self)
     return status;
 }
 
-/* Wait at most `timeout` ns for an unread sample, without reading it. Return SHMGEN_OK, SHMGEN_NOTHING_NEW or
- * SHMGEN_STOPPED. A sample wakes all waiting readers. */
-static inline shmgen_status shmgen_subscriber_ready(shmgen_subscriber *self, int64_t timeout)
+/* Return SHMGEN_OK if there is an unread sample, SHMGEN_NOTHING_NEW, SHMGEN_STOPPED, or the reason why no sample can
+ * arrive. Never waits for a sample. */
+static inline shmgen_status shmgen_ready_now(shmgen_subscriber *self)
+{
+    shmgen_status status;
+    if (shmgen_is_stopped(self))
+        return SHMGEN_STOPPED;
+    status = shmgen_listen(self);
+    return status != SHMGEN_OK || shmgen_has_unread(self) ? status : shmgen_nothing(self);
+}
+
+/* Wait at most `timeout` ns until one of `count` subscribers has an unread sample, without reading it. Return
+ * SHMGEN_OK, SHMGEN_NOTHING_NEW, SHMGEN_STOPPED if a subscriber was stopped, or the status of a subscriber that is
+ * not open. A sample wakes all waiting readers. */
+static inline shmgen_status shmgen_ready_any(shmgen_subscriber *const *several, size_t count, int64_t timeout)
 {
     const int64_t end = shmgen_until(timeout);
     for (;;) {
         int64_t left;
-        shmgen_status status;
-        if (shmgen_is_stopped(self))
-            return SHMGEN_STOPPED;
-        status = shmgen_listen(self);
-        if (status == SHMGEN_OK && shmgen_has_unread(self))
+        bool unread = false;
+        for (size_t index = 0; index < count; index++) {
+            const shmgen_status status = shmgen_ready_now(several[index]);
+            if (status != SHMGEN_OK && status != SHMGEN_NOTHING_NEW)
+                return status;
+            unread = unread || status == SHMGEN_OK;
+        }
+        if (unread)
             return SHMGEN_OK;
-        if (status == SHMGEN_OK)
-            status = shmgen_nothing(self);
         left = end - shmgen_now();
-        if (left <= 0 || status != SHMGEN_NOTHING_NEW)
-            return status;
-        shmgen_sleep(&self, 1, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS);
+        if (left <= 0)
+            return SHMGEN_NOTHING_NEW;
+        shmgen_sleep(several, count, left < SHMGEN_WAKE_MS * SHMGEN_MS ? left : SHMGEN_WAKE_MS * SHMGEN_MS);
     }
+}
+
+/* Wait at most `timeout` ns for an unread sample of one subscriber, like shmgen_ready_any(). */
+static inline shmgen_status shmgen_subscriber_ready(shmgen_subscriber *self, int64_t timeout)
+{
+    return shmgen_ready_any(&self, 1, timeout);
 }
 
 /* Return true if a read with this status may succeed at a later try. */

@@ -113,6 +113,15 @@ template <class Name> void throw_unless_open([[maybe_unused]] const Name &name, 
 #endif
 }
 
+// Return the value that `read` stores in its argument, or nothing if the status that `read` returns is not SHMGEN_OK.
+template <class T, class Read> std::optional<T> optional_of(Read &&read) noexcept
+{
+    std::optional<T> result(std::in_place);
+    if (!read(*result))
+        result.reset();
+    return result;
+}
+
 // The functions of the C implementation for one of its structures.
 template <class C> struct Functions;
 template <> struct Functions<shmgen_publisher> {
@@ -252,22 +261,22 @@ public:
     // reason.
     [[nodiscard]] std::optional<T> read() noexcept
     {
-        return optional_of([this](T &into) { return read_into(into); });
+        return optional_of<T>([this](T &into) { return read_into(into); });
     }
     // Return the newest sample without waiting; a normal read makes no system call.
     [[nodiscard]] std::optional<T> try_read() noexcept
     {
-        return optional_of([this](T &into) { return status_ = shmgen_subscriber_read(&end_, &into, sizeof into, 0, receive); });
+        return optional_of<T>([this](T &into) { return status_ = shmgen_subscriber_read(&end_, &into, sizeof into, 0, receive); });
     }
     // Return the oldest unread sample that the region still holds.
     [[nodiscard]] std::optional<T> read_next() noexcept
     {
-        return optional_of([this](T &into) { return next_into(into); });
+        return optional_of<T>([this](T &into) { return next_into(into); });
     }
     // Wait for a new sample and return the newest one, or nothing after `timeout`.
     template <class Rep, class Period> [[nodiscard]] std::optional<T> wait(std::chrono::duration<Rep, Period> timeout) noexcept
     {
-        return optional_of([&](T &into) {
+        return optional_of<T>([&](T &into) {
             return status_ = shmgen_subscriber_wait(&end_, &into, sizeof into, ns_of(timeout), receive);
         });
     }
@@ -350,13 +359,6 @@ private:
     static shmgen_status receive(void *copy, shmgen_path *path) noexcept
     {
         return misfit<false>(*static_cast<const T *>(copy), *path);
-    }
-    template <class Read> static std::optional<T> optional_of(Read &&read) noexcept
-    {
-        std::optional<T> result(std::in_place);
-        if (!read(*result))
-            result.reset();
-        return result;
     }
 
     Status status_{SHMGEN_CLOSED};

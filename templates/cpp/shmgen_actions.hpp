@@ -64,18 +64,16 @@ public:
     // Return the outcome of the goal once, with `status` and `result`; nothing while the goal is running.
     std::optional<Outcome> poll() noexcept
     {
-        std::optional<Outcome> outcome(std::in_place);
-        if (shmgen_client_poll(&end_, &*outcome, sizeof *outcome, end_.responses.end.limit) != SHMGEN_OK)
-            outcome.reset();
-        return outcome;
+        return optional_of<Outcome>([this](Outcome &into) -> Status {
+            return shmgen_client_poll(&end_, &into, sizeof into, end_.responses.end.limit);
+        });
     }
     // Wait for the outcome of the goal. The goal continues after a timeout.
     template <class Rep, class Period> std::optional<Outcome> result(std::chrono::duration<Rep, Period> timeout) noexcept
     {
-        std::optional<Outcome> outcome(std::in_place);
-        status_ = shmgen_client_wait(&end_, &*outcome, sizeof *outcome, ns_of(timeout));
-        if (status_ != SHMGEN_OK)
-            outcome.reset();
+        std::optional<Outcome> outcome = optional_of<Outcome>([&](Outcome &into) {
+            return status_ = shmgen_client_wait(&end_, &into, sizeof into, ns_of(timeout));
+        });
         if (status_ == SHMGEN_NOTHING_NEW)
             status_ = SHMGEN_CALL_TIMEOUT;
         return outcome;
@@ -171,7 +169,7 @@ public:
     {
         const std::int64_t deadline = shmgen_until(ns_of(timeout));
         while (std::optional<Goal> goal = wait(std::chrono::nanoseconds(shmgen_left(deadline)))) {
-            const Aborting aborting{*goal, deadline};
+            const calls::ServerEnd::EndIfPending guard{*this, goal->number, SHMGEN_GOAL_ABORTED, deadline};
             (void)goal->accept(shmgen_left(deadline));
             handler(*goal);
         }
@@ -185,13 +183,6 @@ public:
         status_ = shmgen_server_wait(&end_, &command, sizeof command, ns_of(timeout));
         return status_ == SHMGEN_OK ? std::optional<Goal>(Goal(end_.number, command.goal, this)) : std::nullopt;
     }
-
-private:
-    struct Aborting {
-        Goal &goal;
-        std::int64_t deadline;
-        ~Aborting() { (void)goal.server_->end(goal.number, SHMGEN_GOAL_ABORTED, nullptr, shmgen_left(deadline)); }
-    };
 };
 
 } // namespace shmgen

@@ -83,6 +83,14 @@ protected:
     {
         return number == end_.number ? shmgen_server_end(&end_, how, response, timeout) : SHMGEN_CALL_OVER;
     }
+    // Ends the call or goal with the status `how` if the handler has not ended it, also after an exception.
+    struct EndIfPending {
+        ServerEnd &server;
+        std::uint32_t number;
+        std::int8_t how;
+        std::int64_t deadline;
+        ~EndIfPending() { (void)server.end(number, how, nullptr, shmgen_left(deadline)); }
+    };
 };
 
 } // namespace calls
@@ -166,7 +174,7 @@ public:
     {
         const std::int64_t deadline = shmgen_until(ns_of(timeout));
         while (const std::optional<Call> call = wait(std::chrono::nanoseconds(shmgen_left(deadline)))) {
-            const Failing failing{*this, *call, deadline};
+            const EndIfPending guard{*this, call->number, SHMGEN_REPLY_FAILED, deadline};
             const std::optional<Response> response = handler(call->request);
             if (response)
                 status_ = done(*call, *response, shmgen_left(deadline));
@@ -180,12 +188,11 @@ public:
     // why no request can arrive.
     template <class Rep, class Period> std::optional<Call> wait(std::chrono::duration<Rep, Period> timeout) noexcept
     {
-        std::optional<Call> call(std::in_place);
-        status_ = shmgen_server_wait(&end_, &call->request, sizeof call->request, ns_of(timeout));
-        call->number = end_.number;
-        if (status_ != SHMGEN_OK)
-            call.reset();
-        return call;
+        return optional_of<Call>([&](Call &call) {
+            status_ = shmgen_server_wait(&end_, &call.request, sizeof call.request, ns_of(timeout));
+            call.number = end_.number;
+            return status_;
+        });
     }
     // Answer the call. SHMGEN_CALL_OVER: the call was answered before, or a newer call was taken. If a value does not
     // fit, the call still waits for its response.
@@ -194,14 +201,6 @@ public:
 
 private:
     using Reply = typename Service::Reply;
-    // Answers the call with FAILED if the handler has not answered the call, also after an exception.
-    struct Failing {
-        Server &server;
-        const Call &call;
-        std::int64_t deadline;
-        ~Failing() { (void)server.end(call.number, SHMGEN_REPLY_FAILED, nullptr, shmgen_left(deadline)); }
-    };
-
     Status done(const Call &call, const Response &response, std::int64_t timeout) noexcept
     {
         Reply reply;

@@ -96,8 +96,6 @@ template <class Kind = void, class T, class R> void to_ros(const T &from, R &int
         to_ros<Kind>(from.get(), into);
     } else if constexpr (is_clock<T>) {
         clock_to_ros<Kind>(from, into);
-    } else if constexpr (std::is_same<T, Flag>::value) {
-        into = static_cast<R>(static_cast<bool>(from));
     } else if constexpr (is_number<T>) {
         into = static_cast<R>(from);
     } else if constexpr (is_text<T>) {
@@ -116,7 +114,7 @@ template <class Kind = void, class T, class R> void to_ros(const T &from, R &int
                 into.resize(from.size());
             for (std::size_t index = 0; index < from.size(); ++index) {
                 if constexpr (is_number<E>) // std::vector<bool> has no references to its elements
-                    into[index] = static_cast<F>(static_cast<std::conditional_t<std::is_same<E, Flag>::value, bool, E>>(from[index]));
+                    into[index] = static_cast<F>(from[index]);
                 else
                     to_ros<Kind>(from[index], into[index]);
             }
@@ -136,9 +134,6 @@ template <class Kind = void, class R, class T> bool from_ros(const R &from, T &i
         return fits;
     } else if constexpr (is_clock<T>) {
         return clock_from_ros<Kind>(from, into);
-    } else if constexpr (std::is_same<T, Flag>::value) {
-        into = static_cast<bool>(from);
-        return true;
     } else if constexpr (is_number<T>) {
         into = static_cast<T>(from);
         return true;
@@ -166,8 +161,8 @@ template <class Kind = void, class R, class T> bool from_ros(const R &from, T &i
             std::copy_n(from.begin(), into.size(), into.begin());
         } else {
             for (std::size_t index = 0; index < into.size(); ++index) {
-                if constexpr (std::is_same<F, bool>::value)
-                    into[index] = static_cast<bool>(from[index]);
+                if constexpr (is_number<E>)
+                    into[index] = static_cast<E>(from[index]);
                 else
                     fits = from_ros<Kind>(from[index], into[index]) && fits;
             }

@@ -6,8 +6,14 @@ from collections.abc import Iterator
 
 from shmgen.core.model import Layouts, TypeName
 
-_REGIONS = {"srv": ("_Request", "_Reply"), "action": ("_Command", "_Progress", "_Outcome")}
-"""The endings of the messages in the regions of a service and of an action."""
+REGIONS = {
+    "srv": {"request": "_Request", "response": "_Reply"},
+    "action": {"request": "_Command", "response": "_Outcome", "progress": "_Progress"},
+}
+"""The regions of a service and of an action, with the endings of their messages.
+
+The regions have the names of the members of the C structure shmgen_interface.
+"""
 
 
 def complete(layouts: Layouts) -> Iterator[TypeName]:
@@ -15,10 +21,10 @@ def complete(layouts: Layouts) -> Iterator[TypeName]:
 
     For a yielded service, `service.part("_Request")` and `service.part("_Reply")` are the names of its messages.
     """
-    for kind, endings in _REGIONS.items():
+    for kind, endings in REGIONS.items():
         for name in sorted(layouts):
-            if name.kind == kind and name.name.endswith(endings[-1]):
-                whole = name._replace(name=name.name.removesuffix(endings[-1]))
-                parts = [layouts.get(whole.part(ending)) for ending in endings]
+            if name.kind == kind and name.name.endswith(endings["response"]):
+                whole = name._replace(name=name.name.removesuffix(endings["response"]))
+                parts = [layouts.get(whole.part(ending)) for ending in endings.values()]
                 if all(part and part.requested for part in parts):
                     yield whole

@@ -8,13 +8,7 @@ from typing import NamedTuple
 from shmgen.core.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.c.names import calls_header, calls_name, ends_header, struct_name
-from shmgen.targets.c.text import in_comment
-
-_MEMBERS = {
-    "srv": {"request": "_Request", "response": "_Reply"},
-    "action": {"request": "_Command", "response": "_Outcome", "progress": "_Progress"},
-}
-"""The members of the C structure shmgen_interface, each with the ending of its message."""
+from shmgen.targets.c.text import Head, head
 
 
 class Part(NamedTuple):
@@ -32,10 +26,7 @@ class Calls(NamedTuple):
     contains the number of the call or goal. `headed` lists the messages that begin with this field.
     """
 
-    title: str
-    origin: str
-    guard: str
-    includes: tuple[str, ...]
+    head: Head
     name: str
     parts: tuple[Part, ...]
     headed: tuple[Part, ...]
@@ -57,14 +48,13 @@ def plan(layouts: Layouts, package: str) -> Iterator[Output]:
 
 def _output(name: TypeName, layouts: Layouts, package: str) -> Output:
     path = calls_header(name, package)
-    messages = {member: name.part(ending) for member, ending in _MEMBERS[name.kind].items()}
+    messages = {member: name.part(ending) for member, ending in interfaces.REGIONS[name.kind].items()}
     parts = tuple(Part(member, struct_name(one)) for member, one in messages.items())
-    headers = [f"{package}/shmgen_client.h", f"{package}/shmgen_server.h"]
+    includes = [f"{package}/shmgen_client.h", f"{package}/shmgen_server.h"]
+    includes += sorted(ends_header(one, package) for one in messages.values())
+    summary = f"{name} in shared memory: {calls_name(name)}_client and _server."
     view = Calls(
-        title=str(name),
-        origin=in_comment(layouts[messages["response"]].message.origin),
-        guard=path.upper().replace("/", "_").replace(".", "_"),
-        includes=(*headers, *sorted(ends_header(one, package) for one in messages.values())),
+        head=head(summary, layouts[messages["response"]].message.origin, path, includes),
         name=calls_name(name),
         parts=parts,
         headed=parts[1:],

@@ -1,4 +1,4 @@
-"""Generate the C header with a message's publisher and subscriber, and the protocol's headers that it includes."""
+"""Generate the parts of the C header with a message's publisher and subscriber, and the protocol's headers."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ from typing import NamedTuple
 
 from shmgen.core.model import Layout, Layouts, Output, Ref, Regions, Role, Slot, String
 from shmgen.targets.c.names import c_member, ends_header, header, struct_name
-from shmgen.targets.c.text import in_comment, quoted
+from shmgen.targets.c.text import Head, head, quoted
 from shmgen.targets.counts import bound, counts
 
-_ENDS = "status link access lock wake open publisher subscriber borrow wait_any calls client server runtime notifier"
+_ENDS = "status link access lock wake open publisher subscriber borrow calls client server runtime notifier"
 RUNTIME = (*_ENDS.split(), "block", "block_calls")
 """Handwritten headers in templates/c. Each needs the headers before it. The last two serve function blocks in C."""
 
 
-class Ends(NamedTuple):
-    """The template data for the header with a message's publisher and subscriber.
+class RegionSettings(NamedTuple):
+    """The settings in `[regions]` of shmgen.toml as C expressions.
 
-    `check` contains the C statements that check a message before it is sent. `receive` contains the C statements that
-    check a received message.
+    `mode` is an octal number, or `0` if the mode is not set. `group` is a string, or `NULL` if the group is not set.
+    `sequence` is `1` for `sync = "sequence"`, which means regions without a lock, otherwise `0`.
     """
 
-    title: str
-    origin: str
-    guard: str
-    includes: tuple[str, ...]
-    struct: str
-    requested: bool
     mode: str
     group: str
     sequence: str
-    check: tuple[str, ...]
-    receive: tuple[str, ...]
+
+
+def region_settings(regions: Regions) -> RegionSettings:
+    return RegionSettings(
+        mode=f"0{regions.mode:o}" if regions.mode else "0",
+        group=quoted(regions.group.encode()) if regions.group else "NULL",
+        sequence="1" if regions.sync == "sequence" else "0",
+    )
 
 
 def runtime(folder: str) -> Iterator[Output]:
@@ -41,44 +41,14 @@ def runtime(folder: str) -> Iterator[Output]:
         yield Output(f"{folder}/shmgen_{name}.h", f"c/shmgen_{name}.h", None)
 
 
-def plan(layout: Layout, layouts: Layouts, package: str, regions: Regions) -> Output:
-    """Return the header of a message's publisher and subscriber, `c/<package>/<ros package>/msg/pose_shm.h`."""
+def ends_head(layout: Layout, package: str) -> Head:
+    """Return the start of the header with a message's publisher and subscriber."""
     name = layout.name
-    path = ends_header(name, package)
     includes = [f"{package}/shmgen_runtime.h", header(name, package)]
     includes += sorted(ends_header(inner, package) for inner in layout.dependencies)
-    return Output(
-        f"c/{path}",
-        "c/ends.h.j2",
-        Ends(
-            title=str(name),
-            origin=in_comment(layout.message.origin),
-            guard=path.upper().replace("/", "_").replace(".", "_"),
-            includes=tuple(includes),
-            struct=struct_name(name),
-            requested=layout.requested,
-            mode=mode(regions),
-            group=group(regions),
-            sequence=sequence(regions),
-            check=tuple(_check(layout, layouts)) or ("(void)sent;", "(void)path;"),
-            receive=tuple(_receive(layout, layouts)) or ("(void)copy;", "(void)path;"),
-        ),
-    )
-
-
-def mode(regions: Regions) -> str:
-    """Return `mode` of `[regions]` in shmgen.toml as an octal C number, or `0` if the mode is not set."""
-    return f"0{regions.mode:o}" if regions.mode else "0"
-
-
-def group(regions: Regions) -> str:
-    """Return `group` of `[regions]` as a C string literal, or `NULL` if the group is not set."""
-    return quoted(regions.group.encode()) if regions.group else "NULL"
-
-
-def sequence(regions: Regions) -> str:
-    """Return `1` if shmgen.toml sets `sync = "sequence"`, which means regions without a lock, otherwise `0`."""
-    return "1" if regions.sync == "sequence" else "0"
+    ends = f"{struct_name(name)}_publisher, {struct_name(name)}_subscriber"
+    summary = f"The publisher and the subscriber of {name} in shared memory: {ends}."
+    return head(summary, layout.message.origin, ends_header(name, package), includes)
 
 
 def limits(layout: Layout, layouts: Layouts) -> bool:
@@ -96,16 +66,17 @@ def limited(slot: Slot, layouts: Layouts) -> bool:
     return slot.role is Role.COUNT or isinstance(slot.type, String)
 
 
-def _check(layout: Layout, layouts: Layouts) -> Iterator[str]:
+def check(layout: Layout, layouts: Layouts) -> Iterator[str]:
     """Yield the C statements that check a message before it is sent. `sent` is the message's pointer in C.
 
     The statements return an error for the first field that exceeds its bound.
     """
     if not limits(layout, layouts):
+        yield from ("(void)sent;", "(void)path;")
         return
     struct = struct_name(layout.name)
     yield f"const {struct} *message = (const {struct} *)sent;"
-    if any(isinstance(slot.type, Ref) for slot, _, _ in _fields(layout, layouts)):
+    if any(isinstance(slot.type, Ref) and limited(slot, layouts) for slot in layout.slots):
         yield "shmgen_status status;"
     yield from _counts(layout)
     yield from _each(layout, layouts, _checked)
@@ -123,12 +94,13 @@ def _checked(slot: Slot, member: str, at: str) -> Iterator[str]:
         yield f"    return {at}, status);"
 
 
-def _receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
+def receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
     """Yield the C statements that check the counts in a received message and terminate its strings.
 
     `copy` is the message's pointer in C.
     """
     if not limits(layout, layouts):
+        yield from ("(void)copy;", "(void)path;")
         return
     struct = struct_name(layout.name)
     yield f"{struct} *message = ({struct} *)copy;"
@@ -153,33 +125,22 @@ def _each(layout: Layout, layouts: Layouts, statements: Callable[[Slot, str, str
     The function `statements` returns the statements for one value. Its arguments are the field, the C expression for
     the value, and the beginning of the C call that records the path of the field for error messages.
     """
-    for slot, path, last in _fields(layout, layouts):
-        member = f"message->{c_member(slot.name)}"
-        if last:
-            yield f"for (uint32_t element = 0; element < {last}; element++) {{"
-            at = f"shmgen_at_element(path, {path}, element"
-            yield from (f"    {one}" for one in statements(slot, f"{member}[element]", at))
-            yield "}"
-        else:
+    counted = counts(layout)
+    for slot in layout.slots:
+        if slot.role is not Role.DATA or not limited(slot, layouts):
+            continue
+        member, path = f"message->{c_member(slot.name)}", quoted(slot.name.encode())
+        if slot.count is None:
             yield from statements(slot, member, f"shmgen_at(path, {path}")
+            continue
+        last = f"message->{c_member(counted[slot.name].name)}" if slot.name in counted else str(slot.count)
+        yield f"for (uint32_t element = 0; element < {last}; element++) {{"
+        at = f"shmgen_at_element(path, {path}, element"
+        yield from (f"    {one}" for one in statements(slot, f"{member}[element]", at))
+        yield "}"
 
 
 def _counts(layout: Layout) -> Iterator[str]:
     for name, count in counts(layout).items():
         yield f"if (message->{c_member(count.name)} > {bound(count)})"
         yield f"    return shmgen_at(path, {quoted(name.encode())}, SHMGEN_COUNT_EXCEEDED);"
-
-
-def _fields(layout: Layout, layouts: Layouts) -> Iterator[tuple[Slot, str, str]]:
-    """Yield each field with a sequence or a string, its name as a C literal, and its element count in C.
-
-    The element count is `""` for a single value.
-    """
-    counted = counts(layout)
-    for slot in layout.slots:
-        if slot.role is not Role.DATA or not limited(slot, layouts):
-            continue
-        last = "" if slot.count is None else str(slot.count)
-        if slot.name in counted:
-            last = f"message->{c_member(counted[slot.name].name)}"
-        yield slot, quoted(slot.name.encode()), last

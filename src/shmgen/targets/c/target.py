@@ -8,6 +8,7 @@ from typing import NamedTuple
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import (
     Clock,
+    Constant,
     Layout,
     Layouts,
     Output,
@@ -19,13 +20,12 @@ from shmgen.core.model import (
     assert_never,
     ros_type,
 )
-from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.c import calls, ends, region
 from shmgen.targets.c.names import NAMES as NAMES
-from shmgen.targets.c.names import c_member, header, macro, struct_name
+from shmgen.targets.c.names import c_member, ends_header, header, macro, struct_name
+from shmgen.targets.c.text import Head, in_comment, literal, message_head
 from shmgen.targets.c.text import element as c_element
-from shmgen.targets.c.text import in_comment, literal
 from shmgen.targets.counts import bound, counts, holds_counts
 
 _CLOCK_UNITS = {"TIME": "ms", "LTIME": "ns", "struct": "s and ns"}
@@ -41,27 +41,26 @@ class Member(NamedTuple):
     comment: str
 
 
-class Define(NamedTuple):
-    name: str
-    value: str
-    comment: str
-
-
 class Header(NamedTuple):
-    """The template data for one message's header, as finished C code."""
+    """The template data for a message's header and for the header of its publisher and subscriber, as finished C code.
 
-    title: str
-    origin: str
-    guard: str
-    includes: tuple[str, ...]
+    `valid`, `check` and `receive` contain the C statements that check the message: its counts, all that publishing
+    requires, and a received message.
+    """
+
+    head: Head
     doc: tuple[str, ...]
+    title: str
     struct: str
     size: str
-    bytes: str
     digest: str
-    defines: tuple[Define, ...]
+    defines: tuple[str, ...]
     members: tuple[Member, ...]
     valid: tuple[str, ...]
+    requested: bool
+    settings: ends.RegionSettings
+    check: tuple[str, ...]
+    receive: tuple[str, ...]
 
 
 def plan(job: Job, report: Report) -> Iterator[Output]:
@@ -71,55 +70,48 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     for file in ("shmgen_library.c", "shmgen_library.map"):
         yield Output(f"c/{job.package}/{file}", f"c/{file}", None)
     for name, layout in job.layouts.items():
-        view = _header(layout, job.layouts, job.package)
+        view = _header(layout, job)
         yield Output(f"c/{header(name, job.package)}", "c/message.h.j2", view)
-        yield Output(struct_piece(name), "c/struct.h.j2", view, piece=True)
-        end = ends.plan(layout, job.layouts, job.package, job.options.regions)
-        yield end
-        yield end._replace(path=fits_piece(name), template="c/fits.h.j2", piece=True)
+        yield Output(piece(name), "c/piece.h.j2", view, piece=True)
+        ends_view = view._replace(head=ends.ends_head(layout, job.package))
+        yield Output(f"c/{ends_header(name, job.package)}", "c/ends.h.j2", ends_view)
     yield from calls.plan(job.layouts, job.package)
 
 
-def struct_piece(name: TypeName) -> str:
-    """Return the path of a piece: C code with a message's structure, asserted offsets, type name and digest.
+def piece(name: TypeName) -> str:
+    """Return the path of a piece, which is not written to a file; other targets include it in their files.
 
-    A piece is not written to a file; other targets include it in their files. This piece contains no text from the
-    user's definitions.
+    The piece contains a message's structure, asserted offsets, type name and digest, and the functions that check its
+    counts and strings. The piece contains no text from the user's definitions.
     """
-    return f"c/struct/{struct_name(name)}"
+    return f"c/piece/{struct_name(name)}"
 
 
-def fits_piece(name: TypeName) -> str:
-    """Return the path of a piece: C code with the functions that check a message's counts and strings.
-
-    A piece is not written to a file; other targets include it in their files.
-    """
-    return f"c/fits/{struct_name(name)}"
-
-
-def _header(layout: Layout, layouts: Layouts, package: str) -> Header:
-    struct = struct_name(layout.name)
+def _header(layout: Layout, job: Job) -> Header:
+    layouts, package = job.layouts, job.package
+    includes = [f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)]
     return Header(
-        title=str(layout.name),
-        origin=in_comment(layout.message.origin),
-        guard=header(layout.name, package).upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/shmgen.h", *sorted(header(name, package) for name in layout.dependencies)),
+        head=message_head(layout, header(layout.name, package), includes),
         doc=tuple(in_comment(layout.message.doc).splitlines()),
-        struct=struct,
+        title=str(layout.name),
+        struct=struct_name(layout.name),
         size=str(layout.size),
-        bytes=counted(layout.size, "byte"),
         digest=f"{layout.digest:016x}",
-        defines=tuple(
-            Define(
-                macro(layout.name, constant.name),
-                literal(constant, layout.options),
-                _beside(constant.doc),
-            )
-            for constant in layout.message.constants
-        ),
+        defines=tuple(_define(constant, layout) for constant in layout.message.constants),
         members=tuple(_member(slot, layout) for slot in layout.slots),
         valid=tuple(_valid(layout, layouts)) or ("(void)message;",),
+        requested=layout.requested,
+        settings=ends.region_settings(job.options.regions),
+        check=tuple(ends.check(layout, layouts)),
+        receive=tuple(ends.receive(layout, layouts)),
     )
+
+
+def _define(constant: Constant, layout: Layout) -> str:
+    """Return the definition of the macro for a constant, with the constant's comment."""
+    comment = _beside(constant.doc)
+    define = f"#define {macro(layout.name, constant.name)} {literal(constant, layout.options)}"
+    return f"{define} /* {comment} */" if comment else define
 
 
 def _member(slot: Slot, layout: Layout) -> Member:

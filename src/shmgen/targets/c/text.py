@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from shmgen.core.model import Clock, Constant, Element, Ref, Scalar, String, TypeOptions, assert_never
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from shmgen.core.model import Clock, Constant, Element, Layout, Ref, Scalar, String, TypeOptions, assert_never
+from shmgen.core.plural import counted
 from shmgen.targets.c.names import struct_name
 
 _TYPES = {
@@ -11,6 +15,28 @@ _TYPES = {
     Scalar.FLOAT64: "double",
 }
 _CLOCKS = {"TIME": "uint32_t", "LTIME": "uint64_t", "struct": "shmgen_seconds"}
+
+
+class Head(NamedTuple):
+    """The template data for the start of a header: the comment, the include guard and the included files."""
+
+    summary: str
+    origin: str
+    guard: str
+    includes: tuple[str, ...]
+
+
+def head(summary: str, origin: str, path: str, includes: Iterable[str]) -> Head:
+    """Return the start of the header `path`, which is generated from the definition in `origin`."""
+    guard = path.upper().replace("/", "_").replace(".", "_")
+    return Head(summary, in_comment(origin), guard, tuple(includes))
+
+
+def message_head(layout: Layout, path: str, includes: Iterable[str]) -> Head:
+    """Return the start of the header `path` with the structure or class of a message."""
+    size = f"{counted(layout.size, 'byte')}, layout digest {layout.digest:016x}"
+    summary = f"{layout.name} in shared memory: {size}. The comment of a member begins with its offset in bytes."
+    return head(summary, layout.message.origin, path, includes)
 
 
 def element(type_: Element, options: TypeOptions) -> str:

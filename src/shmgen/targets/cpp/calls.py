@@ -8,7 +8,7 @@ from typing import NamedTuple
 from shmgen.core.model import Layouts, Output, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.c.names import calls_header
-from shmgen.targets.c.text import in_comment
+from shmgen.targets.c.text import Head, head
 from shmgen.targets.cpp.names import class_name, header, namespace
 
 _PARTS = {
@@ -26,10 +26,7 @@ class Calls(NamedTuple):
     classes that the header defines: `Client` stands for `<name>Client`.
     """
 
-    title: str
-    origin: str
-    guard: str
-    includes: tuple[str, ...]
+    head: Head
     open: tuple[str, ...]
     name: str
     parts: tuple[str, ...]
@@ -48,11 +45,10 @@ def plan(layouts: Layouts, package: str) -> Iterator[Output]:
 def _output(name: TypeName, layouts: Layouts, package: str) -> Output:
     path = calls_header(name, package).removesuffix(".h") + ".hpp"
     messages = [name.part(f"_{part}") for part in _PARTS[name.kind]]
+    includes = [f"{package}/{_RUNTIME[name.kind]}", *sorted(header(part, package) for part in messages)]
+    summary = f"Client and server of {name} in shared memory."
     view = Calls(
-        title=str(name),
-        origin=in_comment(layouts[messages[-1]].message.origin),
-        guard=path.upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/{_RUNTIME[name.kind]}", *sorted(header(part, package) for part in messages)),
+        head=head(summary, layouts[messages[-1]].message.origin, path, includes),
         open=tuple(namespace(name, package).split("::")),
         name=class_name(name),
         parts=_PARTS[name.kind],

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report
 from shmgen.core.model import Layout, Output, Regions
-from shmgen.core.plural import counted
 from shmgen.targets import Job
 from shmgen.targets.c import ends, region
 from shmgen.targets.c.target import Member
-from shmgen.targets.c.text import in_comment, quoted
+from shmgen.targets.c.text import Head, in_comment, message_head, quoted
 from shmgen.targets.cpp import calls
 from shmgen.targets.cpp.members import constant_line, members, visits
 from shmgen.targets.cpp.names import NAMES as NAMES
@@ -28,11 +27,7 @@ class Header(NamedTuple):
     `visits` is an expression that visits the fields in order.
     """
 
-    title: str
-    origin: str
-    bytes: str
-    guard: str
-    includes: tuple[str, ...]
+    head: Head
     doc: tuple[str, ...]
     open: tuple[str, ...]
     name: str
@@ -42,9 +37,7 @@ class Header(NamedTuple):
     size: str
     digest: str
     literal: str
-    mode: str
-    group: str
-    sequence: str
+    settings: ends.RegionSettings
     constants: tuple[str, ...]
     members: tuple[Member, ...]
     visits: str
@@ -69,12 +62,9 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
 def _header(layout: Layout, package: str, regions: Regions) -> Header:
     name, message = layout.name, layout.message
+    includes = [f"{package}/shmgen.hpp", *sorted(header(inner, package) for inner in layout.dependencies)]
     return Header(
-        title=str(name),
-        origin=in_comment(message.origin),
-        bytes=counted(layout.size, "byte"),
-        guard=header(name, package).upper().replace("/", "_").replace(".", "_"),
-        includes=(f"{package}/shmgen.hpp", *sorted(header(inner, package) for inner in layout.dependencies)),
+        head=message_head(layout, header(name, package), includes),
         doc=tuple(in_comment(message.doc).splitlines()),
         open=tuple(namespace(name, package).split("::")),
         name=class_name(name),
@@ -84,9 +74,7 @@ def _header(layout: Layout, package: str, regions: Regions) -> Header:
         size=str(layout.size),
         digest=f"{layout.digest:016x}",
         literal=quoted(str(name).encode()),
-        mode=ends.mode(regions),
-        group=ends.group(regions),
-        sequence=ends.sequence(regions),
+        settings=ends.region_settings(regions),
         constants=tuple(constant_line(constant, layout.options) for constant in message.constants),
         members=tuple(members(layout, package)),
         visits=visits(layout),

@@ -9,7 +9,7 @@ from shmgen.core.diagnostics import Report
 from shmgen.core.model import Clock, Layout, Output, Role, TypeName
 from shmgen.targets import Job
 from shmgen.targets.c.names import c_member
-from shmgen.targets.c.text import in_comment
+from shmgen.targets.c.text import Head, head
 from shmgen.targets.cpp.names import class_name, header, namespace, qualified
 from shmgen.targets.naming import ClaimedName, Names, file_stem
 
@@ -45,10 +45,7 @@ class Step(NamedTuple):
 class Header(NamedTuple):
     """The template data for the header that converts one message, as finished C++ code."""
 
-    title: str
-    origin: str
-    guard: str
-    includes: tuple[str, ...]
+    head: Head
     theirs: str
     ours: str
     type: str
@@ -110,12 +107,11 @@ ROS2 = Ros(
 
 def _header(ros: Ros, layout: Layout, package: str, root: str) -> Header:
     name, (whole, half) = layout.name, split(layout.name) or (layout.name, "")
-    inner = (header(one, root) for one in sorted(layout.dependencies))
+    includes = [header(name, package), f"{root}/shmgen_ros.hpp"]
+    includes += (header(one, root) for one in sorted(layout.dependencies))
+    summary = f"Conversion of {name} between shared memory and ROS ({ros.type_name(whole, half)})."
     return Header(
-        title=str(name),
-        origin=in_comment(layout.message.origin),
-        guard=header(name, root).upper().replace("/", "_").replace(".", "_"),
-        includes=(header(name, package), f"{root}/shmgen_ros.hpp", *inner),
+        head=head(summary, layout.message.origin, header(name, root), includes),
         theirs=ros.include(whole, half),
         ours=qualified(name, package),
         type=ros.type_name(whole, half),

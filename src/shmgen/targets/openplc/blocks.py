@@ -9,13 +9,12 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from shmgen.core.model import Layout, Layouts, TypeName
+from shmgen.core.model import Layout, Layouts, Ref, Role, TypeName
 from shmgen.targets import Job
-from shmgen.targets.c.names import struct_name
-from shmgen.targets.counts import holds_counts
+from shmgen.targets.c.names import c_member, struct_name
+from shmgen.targets.counts import counts, holds_counts
 from shmgen.targets.openplc.compiler import Compiler
-from shmgen.targets.openplc.copying import copies
-from shmgen.targets.openplc.names import whole
+from shmgen.targets.openplc.names import member, whole
 from shmgen.targets.st import names as st
 from shmgen.targets.st import objects, reader
 from shmgen.targets.st.text import uncommented
@@ -154,9 +153,42 @@ def fill(
     """
     name = struct_name(layout.name)
     yield f"{name} *message = ({name} *){at};"
-    variable, member, type_name = part
+    variable, path, type_name = part
     place = compiler.structure(variable)
-    yield from copies(layouts[type_name], layouts, compiler, place, f"message->{member}", to_plc=False)
+    yield from copies(layouts[type_name], layouts, compiler, place, f"message->{path}", to_plc=False)
+
+
+def copies(
+    layout: Layout, layouts: Layouts, compiler: Compiler, plc: str, c: str, *, to_plc: bool, depth: int = 0
+) -> Iterator[str]:
+    """Yield the C statements that copy a message between the C structure `c` and the program's variable `plc`.
+
+    The compilers do not store a structure with the layout of the region, so each field is copied separately. Only the
+    valid elements of a sequence are copied. If `to_plc` is true, the statements copy from `c` to `plc`, otherwise from
+    `plc` to `c`. `depth` is the number of messages around this message.
+    """
+    counted = counts(layout)
+    leaf = compiler.leaf_in if to_plc else compiler.leaf_out
+    index = f"i{depth}"
+    for slot in layout.slots:
+        if slot.role is Role.PADDING:
+            continue
+        variable, field = f"{plc}.{member(slot.name).upper()}", f"{c}{c_member(slot.name)}"
+        if slot.count is not None:
+            variable, field = compiler.element(variable, index), f"{field}[{index}]"
+        if isinstance(slot.type, Ref):
+            inner = layouts[slot.type.name]
+            lines = copies(inner, layouts, compiler, variable, f"{field}.", to_plc=to_plc, depth=depth + 1)
+        else:
+            lines = iter([leaf(variable, field, slot.type, layout.options)])
+        if slot.count is None:
+            yield from lines
+        else:
+            # The program's count is not yet checked.
+            used = f" && {index} < {c}{c_member(counted[slot.name].name)}" if slot.name in counted else ""
+            yield f"for (uint32_t {index} = 0; {index} < {slot.count}{used}; {index}++) {{"
+            yield from (f"    {line}" for line in lines)
+            yield "}"
 
 
 def _read(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[str]:

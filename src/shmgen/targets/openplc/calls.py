@@ -9,9 +9,8 @@ from shmgen.core.model import Layout, Layouts, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.counts import holds_counts
-from shmgen.targets.openplc.blocks import Block, Blocks, enter, fill
+from shmgen.targets.openplc.blocks import Block, Blocks, copies, enter, fill
 from shmgen.targets.openplc.compiler import Compiler
-from shmgen.targets.openplc.copying import copies
 from shmgen.targets.st import names as st
 
 
@@ -46,9 +45,9 @@ def blocks(layouts: Layouts, compiler: Compiler, known: Blocks) -> Iterator[Bloc
 
     `known` supplies the inputs and outputs of the blocks, from the blocks of the target st.
     """
-    endings = {"srv": ("_Request", "_Reply"), "action": ("_Command", "_Outcome", "_Progress")}
     for name in interfaces.complete(layouts):
-        call = Call(name, layouts, compiler, *(layouts[name.part(ending)] for ending in endings[name.kind]))
+        endings = interfaces.REGIONS[name.kind].values()
+        call = Call(name, layouts, compiler, *(layouts[name.part(ending)] for ending in endings))
         action = "Action" if call.progress else ""
         yield known.block(st.block_name(name, f"{action}Client"), _calls(call), call.needs)
         yield known.block(st.block_name(name, f"{action}Server"), _serves(call), call.needs)

@@ -5,42 +5,32 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from shmgen.core.model import Layout
+from shmgen.core.model import TypeName
 from shmgen.targets import Job
-from shmgen.targets.c.ends import RUNTIME, group
-from shmgen.targets.c.target import fits_piece, struct_piece
+from shmgen.targets.c.ends import RUNTIME, region_settings
+from shmgen.targets.c.target import piece
 
 
-class Text(NamedTuple):
-    """C code without its include lines. `includes` are names of system headers, such as `fcntl.h`."""
+class Code(NamedTuple):
+    """C code without its include lines. The code compiles as C99, C++11 and C++17.
+
+    * `includes`: names of system headers, such as `fcntl.h`.
+    * `protocol`: the code that all messages share: the shared-memory protocol, and its use in function blocks.
+    * `messages`: the code of each message: its structure with asserted offsets, and the checks of counts and strings.
+    """
 
     includes: tuple[str, ...]
-    lines: tuple[str, ...]
+    protocol: tuple[str, ...]
+    messages: Mapping[TypeName, tuple[str, ...]]
 
 
-def rendered_files(job: Job) -> dict[str, str]:
-    """Return the content of all files of the target c, by path."""
-    return {one.output.path: one.text for one in job.rendered["c"]}
-
-
-def protocol(job: Job, texts: Mapping[str, str]) -> Text:
-    """Return the C code that all messages share: the shared-memory protocol, and its use in function blocks.
-
-    A function block contains a publisher, a subscriber, or both for a service or an action. `texts` are the files of
-    the target c by path.
-
-    The code compiles as C99, C++11 and C++17.
-    """
-    group_line = [f"#define SHMGEN_GROUP {group(job.options.regions)}"] if job.options.regions.group else []
+def code(job: Job) -> Code:
+    texts = {one.output.path: one.text for one in job.rendered["c"]}
+    regions = job.options.regions
+    group_line = [f"#define SHMGEN_GROUP {region_settings(regions).group}"] if regions.group else []
     headers = ("shmgen.h", *(f"shmgen_{name}.h" for name in RUNTIME))
     lines = [line for header in headers for line in texts[f"c/{job.package}/{header}"].splitlines()]
-    includes = [line.split()[1] for line in lines if line.startswith("#include <")]
-    return Text(
-        tuple(sorted({include.strip("<>") for include in includes})),
-        (*group_line, *(line for line in lines if not line.startswith("#include"))),
-    )
-
-
-def message(layout: Layout, texts: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the C lines for one message: its structure with asserted offsets, and the checks of counts and strings."""
-    return tuple("\n".join(texts[piece(layout.name)] for piece in (struct_piece, fits_piece)).splitlines())
+    includes = {line.split()[1].strip("<>") for line in lines if line.startswith("#include <")}
+    protocol = (*group_line, *(line for line in lines if not line.startswith("#include")))
+    messages = {name: tuple(texts[piece(name)].splitlines()) for name in job.layouts}
+    return Code(tuple(sorted(includes)), protocol, messages)

@@ -79,19 +79,18 @@ def _body_macro(block: Block) -> str:
 
 
 def _header(job: Job) -> Iterator[str]:
-    texts = embedded.rendered_files(job)
-    shared = embedded.protocol(job, texts)
+    code = embedded.code(job)
     yield "#ifndef SHMGEN_BLOCKS_H"
     yield "#define SHMGEN_BLOCKS_H"
     yield "#ifndef _GNU_SOURCE"
     yield "#define _GNU_SOURCE"
     yield "#endif"
     yield from _TM[:3]  # the header of OpenPLC v3 that includes this one has its own type `tm`
-    yield from (f"#include <{name}>" for name in shared.includes)
+    yield from (f"#include <{name}>" for name in code.includes)
     yield from _TM[3:]
-    yield from shared.lines
+    yield from code.protocol
     for layout in ordered(job.layouts):
-        yield from embedded.message(layout, texts)
+        yield from code.messages[layout.name]
 
 
 def _long(block: Block) -> Iterator[str]:

@@ -47,13 +47,12 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
 
 def _library(job: Job, blocks: tuple[Block, ...], plc_program: program.Program | None) -> str:
     layouts = ordered(job.layouts)
-    texts = embedded.rendered_files(job)
-    protocol = embedded.protocol(job, texts)
+    code = embedded.code(job)
     own = [Structure(ST_TIME, "", SECONDS)] if any(layout.options.time == "struct" for layout in layouts) else []
-    messages = {structure(layout, STRUCPP): embedded.message(layout, texts) for layout in layouts}
+    messages = {structure(layout, STRUCPP): code.messages[layout.name] for layout in layouts}
     every = {**dict.fromkeys(own, ()), **messages, **dict.fromkeys(plc_program.structures if plc_program else (), ())}
     known = {one.name.upper() for one in every}
-    chunks = [_chunk(job.package, PROTOCOL, "type", protocol.lines, (), ())]
+    chunks = [_chunk(job.package, PROTOCOL, "type", code.protocol, (), ())]
     for one, lines in every.items():
         needs = [*([PROTOCOL] if lines else []), *_needs(one.members, known)]
         chunks.append(_chunk(job.package, one.name.upper(), "type", (*lines, *_structure(one)), (), needs))
@@ -70,7 +69,7 @@ def _library(job: Job, blocks: tuple[Block, ...], plc_program: program.Program |
         "functionBlocks": [_entry(block) for block in blocks],
         "types": [_type(one) for one in every],
         "globals": [],
-        "headers": list(protocol.includes),
+        "headers": list(code.includes),
         "isBuiltin": False,
     }
     return json.dumps({"formatVersion": 1, "manifest": manifest, "chunks": chunks, "dependencies": []}, indent=1)

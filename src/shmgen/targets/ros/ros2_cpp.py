@@ -20,7 +20,7 @@ _FILES = (
     ("package.xml", "cpp_package.xml.j2"),
     ("CMakeLists.txt", "cpp_CMakeLists.txt.j2"),
     ("launch/bridge.launch.py", "cpp_bridge.launch.py.j2"),
-    ("config/bridge.yaml", "bridge.yaml.j2"),
+    ("src/bridge.cpp", "bridge.cpp.j2"),
 )
 _RUNTIME = ("shmgen_node.hpp", "shmgen_peers.hpp", "shmgen_service_sides.hpp", "shmgen_side.hpp",
             "shmgen_topic_sides.hpp")  # fmt: skip
@@ -42,7 +42,7 @@ class Use(NamedTuple):
 
 
 class Node(NamedTuple):
-    """The template data for the node's source. `diagnostics` is the interval of its diagnostic messages in seconds."""
+    """The template data for the node's package. `diagnostics` is the interval of its diagnostic messages in seconds."""
 
     package: package.Package
     diagnostics: str
@@ -57,12 +57,11 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
         return
     about = about._replace(dependencies=tuple(sorted({*about.dependencies, "diagnostic_msgs"})))
     root = f"ros2_cpp/{about.name}"
-    for file, template in _FILES:
-        yield Output(f"{root}/{file}", f"ros/{template}", about)
     period = json.dumps(job.options.configuration.get("bridge", {}).get("diagnostics", 1.0))
-    yield Output(
-        f"{root}/src/bridge.cpp", "ros/bridge.cpp.j2", Node(about, period, tuple(_includes(job)), tuple(_uses(job)))
-    )
+    view = Node(about, period, tuple(_includes(job)), tuple(_uses(job)))
+    for file, template in _FILES:
+        yield Output(f"{root}/{file}", f"ros/{template}", view)
+    yield Output(f"{root}/config/bridge.yaml", "ros/bridge.yaml.j2", about)
     yield from package.beside(root, cpp.plan(job, report), ROS2.plan(job, report))
     for name in _RUNTIME:
         yield Output(f"{root}/include/{job.package}_ros2/{name}", f"cpp_ros/{name}", None)

@@ -58,13 +58,8 @@ def plan(layouts: Layouts) -> Iterator[Output]:
 
 def parts(layouts: Layouts) -> frozenset[TypeName]:
     """Return the names of all messages that the regions of services and actions contain."""
-    return frozenset(name.part(part) for name in interfaces.complete(layouts) for part in _PARTS[name.kind])
-
-
-_PARTS = {
-    "srv": ("_Request", "_Response", "_Reply"),
-    "action": ("_Goal", "_Result", "_Feedback", "_Command", "_Progress", "_Outcome"),
-}
+    whole = set(interfaces.complete(layouts))
+    return frozenset(name for name in layouts if name._replace(name=name.name.rpartition("_")[0]) in whole)
 
 
 def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
