@@ -16,9 +16,9 @@ import pytest
 
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
-from shmgen.live.classes import client, publisher, server, subscriber
+from shmgen.live.classes import call_class, publisher, subscriber
 from shmgen.live.session import Session
-from shmgen.runtime import ShmError
+from shmgen.runtime import ServiceClient, ServiceServer, ShmError
 
 from ..support.dds import without_fast_dds
 from ..support.ros1 import PROMPTLY, wait_for
@@ -51,7 +51,8 @@ def session(graph: Graph) -> Session:
 def plc_server(graph: Graph, name: str, handler: Callable[[Any], Any]) -> Iterator[None]:
     """Serve std_srvs/SetBool in a thread, as a PLC does."""
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    server_class = server(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    server_class = call_class(ServiceServer, parts)
     stop = threading.Event()
 
     def run() -> None:
@@ -155,7 +156,8 @@ def test_waiting_call_blocks_no_topic_and_no_other_call(graph: Graph, space: str
         return SimpleNamespace(success=request.data, message="of the PLC")
 
     kinds = session(graph).classes(["std_srvs/SetBool", "geometry_msgs/Pose"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    set_bool_client = call_class(ServiceClient, parts)
     with (
         plc_server(graph, f"{space}/flag", handler),
         set_bool_client(f"{space}/of/flag") as plc,
@@ -200,7 +202,8 @@ def test_bridge_stops_promptly_during_calls(graph: Graph, space: str) -> None:
     peer, other = graph.peer(), graph.peer()
     other.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[], delay=20)
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    set_bool_client = call_class(ServiceClient, parts)
     request_received = threading.Event()
     stop = threading.Event()
     outcome: list[str] = []

@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from shmgen.live.classes import client, publisher, subscriber
-from shmgen.runtime import CallFailed
+from shmgen.live.classes import call_class, publisher, subscriber
+from shmgen.runtime import CallFailed, ServiceClient
 
 from ..support import rclcpp
 from ..support.ros1 import PROMPTLY, wait_for
@@ -147,7 +147,8 @@ def test_services_pass_both_ways(graph: Graph, cpp_node: rclcpp.Node) -> None:
     node, peer, other, space = cpp_node.start(graph), graph.peer(), graph.peer(), cpp_node.space
     command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {"data": True}}
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    set_bool_client = call_class(ServiceClient, parts)
 
     def handler(request: Any) -> Any:
         return SimpleNamespace(success=request.data, message="of the PLC")

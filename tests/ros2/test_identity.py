@@ -19,8 +19,8 @@ from shmgen.bridge.backend import Node, ServiceWire, Wire
 from shmgen.bridge.dds import backend
 from shmgen.config import Config
 from shmgen.generator import pipeline
-from shmgen.live.classes import client, subscriber
-from shmgen.runtime import ShmError
+from shmgen.live.classes import call_class, subscriber
+from shmgen.runtime import ServiceClient, ShmError
 
 from ..dds.conftest import Taken
 from ..support.dds import LOOPBACK
@@ -191,7 +191,8 @@ def test_other_service_type_is_refused(graph: Graph, dds_peer: backend.Graph, sp
     command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 2}
     peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    set_bool_client = call_class(ServiceClient, parts)
     requests: list[Any] = []
 
     def handler(request: Any) -> Any:

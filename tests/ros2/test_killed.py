@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from shmgen.live.classes import client, publisher, subscriber
+from shmgen.live.classes import call_class, publisher, subscriber
+from shmgen.runtime import ServiceClient
 
 from ..support.ros1 import LIMIT, PROMPTLY, Peer, wait_for
 from ..support.ros2 import Graph
@@ -119,7 +120,8 @@ def test_plc_handler_can_call_ros(graph: Graph, space: str) -> None:
     kind = "std_srvs/srv/SetBool"
     server_peer.ask(do="serve", service=f"{space}/of/flag", type=kind, answers=[{"success": True, "message": "of ROS"}])
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    set_bool_client = call_class(ServiceClient, parts)
     with set_bool_client(f"{space}/of/flag") as plc:
 
         def handler(request: Any) -> Any:

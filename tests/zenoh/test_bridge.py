@@ -15,7 +15,8 @@ from typing import Any
 
 import pytest
 
-from shmgen.live.classes import client, publisher, subscriber
+from shmgen.live.classes import call_class, publisher, subscriber
+from shmgen.runtime import ServiceClient
 
 from ..rigs.load_bridge import RATES, bridged
 from ..ros2.test_bridge import SET_BOOL, call, plc_server, ros_environment, session, topic
@@ -215,7 +216,8 @@ def test_services_pass_both_ways(graph: Graph, space: str) -> None:
     )
     bridge, peer, other = graph.bridge(services), graph.peer(), graph.peer()
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    set_bool_client = call_class(ServiceClient, parts)
 
     def handler(request: Any) -> Any:
         return SimpleNamespace(success=request.data, message="of the PLC")
@@ -260,7 +262,8 @@ def test_bridge_stops_promptly_during_calls(graph: Graph, space: str) -> None:
     bridge, peer, other = graph.bridge(services), graph.peer(), graph.peer()
     other.ask(do="serve", service=f"{ros}/flag", answers=[{}], delay=20, **SETBOOL)
     kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
+    set_bool_client = call_class(ServiceClient, parts)
     request_received, ended = threading.Event(), threading.Event()
 
     def handler(request: Any) -> Any:
