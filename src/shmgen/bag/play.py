@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from shmgen.bag.kinds import Kind, kind_of
-from shmgen.bag.read import Channel, Message, Unreadable, messages
+from shmgen.bag.mcap import Channel
+from shmgen.bag.read import Message, Unreadable, messages
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare

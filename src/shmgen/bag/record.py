@@ -60,7 +60,7 @@ class _Source:
     view: View
     reader: Subscriber[Message]
     kind: Kind
-    channel: int
+    channel: Channel
     samples: int = 0
     damaged: int = 0
 
@@ -80,7 +80,7 @@ class Recorder:
         """Counts of recorded, missed and damaged samples of removed regions, by topic."""
         self._refused: dict[str, int | None] = {}
         """Inodes of regions that cannot be recorded, by region name."""
-        self._channels: dict[tuple[str, str, int], int] = {}
+        self._channels: dict[tuple[str, str, int], Channel] = {}
         self._logged = 0
         self._writer = _Writer(bag)
         self.failed = False
@@ -187,17 +187,19 @@ class Recorder:
         self._tell(f"{topic_of(name)}: not recorded: {error}")
         self.failed = True
 
-    def _channel(self, topic: str, kind: Kind, depth: int) -> int:
+    def _channel(self, topic: str, kind: Kind, depth: int) -> Channel:
         key = topic, kind.name, kind.layout.digest
         if key not in self._channels:
-            self._channels[key] = number = len(self._channels) + 1
-            ours = {
+            metadata = {
+                "offered_qos_profiles": "[]",
+                "topic_type_hash": kind.type_hash,
                 "shmgen_topic": topic,
                 "shmgen_depth": str(depth),
                 "shmgen_digest": f"{kind.layout.digest:016x}",
                 "shmgen_layout": kind.lock,
             }
-            self._writer.put(Channel(number, bag_topic(topic), kind.name, kind.text, kind.type_hash, ours))
+            self._channels[key] = Channel(bag_topic(topic), kind.name, kind.text, metadata)
+            self._writer.put(self._channels[key])
         return self._channels[key]
 
     def _drop(self, name: str) -> None:
