@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from shmgen.bag.kinds import Kind, kind_of
+from shmgen.bag.kinds import Kind
 from shmgen.bag.mcap import Channel
 from shmgen.bag.read import Message, Unreadable, messages
 from shmgen.core.diagnostics import Rejected, Report
@@ -189,7 +189,7 @@ def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
     """
     digest = channel.metadata.get("shmgen_digest")
     try:
-        kind = kind_of(registry, channel.type, int(digest, 16) if digest else None)
+        kind = Kind(registry.session_of(channel.type, int(digest, 16) if digest else None), channel.type)
     except LayoutMismatch as error:
         differences = "\n".join(_differences(channel, registry)) or str(error)
         raise LayoutMismatch(
@@ -211,7 +211,7 @@ def _differences(channel: Channel, registry: ClassRegistry) -> Iterator[str]:
     if report.diagnostics:
         return
     try:
-        kind = kind_of(registry, channel.type, None)
+        kind = Kind(registry.session_of(channel.type), channel.type)
     except Rejected:
         return
     for finding in compare(before, lockfile.read(kind.lock, "here", report), "here"):

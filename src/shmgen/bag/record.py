@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from shmgen.bag.folder import Bag
-from shmgen.bag.kinds import Kind, kind_of
+from shmgen.bag.kinds import Kind
 from shmgen.bag.mcap import Channel, Chunk
 from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
@@ -173,7 +173,7 @@ class Recorder:
                 view.close()
                 return
             header = sound(view)
-            kind = kind_of(self._registry, header.type_name, header.digest)
+            kind = Kind(self._registry.session_of(header.type_name, header.digest), header.type_name)
             kind.encode  # noqa: B018 build the encoder now, before samples wait for it
             reader = watcher(view, kind.message, history=not first)
         except BaseException:
