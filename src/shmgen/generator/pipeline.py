@@ -29,7 +29,7 @@ def library(config: Config) -> definitions.Library:
 
 def read(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Schema:
     """Read the definitions of the requested messages and their dependencies. Raises Rejected."""
-    return definitions.load_from(opened or library(config), requests, Report())
+    return definitions.load(opened or library(config), requests, Report())
 
 
 def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Layouts:
