@@ -25,7 +25,7 @@ from ..support.dds import this_machine, without_fast_dds
 from ..support.ros1 import Bridge, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
-from .test_bridge import SET_BOOL, call, plc_server, ros_environment, session
+from .test_bridge import SET_BOOL, call, plc_server, ros_environment, session, set_bool
 from .test_identity import service
 
 dds_only = pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
@@ -160,9 +160,7 @@ def test_service_of_another_definition_receives_no_call(graph: Graph, space: str
         + SET_BOOL.format(space=space, server="plc", timeout=1)
         + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=3)
     )
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
-    set_bool_client = call_class(ServiceClient, parts)
+    set_bool_client = set_bool(graph, ServiceClient)
     peer, kind = graph.peer(), "std_srvs/srv/SetBool"
     peer.ask(do="serve", service=f"{space}/of/flag", type=kind, answers=[])
     with (
@@ -192,9 +190,7 @@ def test_missing_shmgen_fastdds_is_reported(graph: Graph, space: str) -> None:
     peer = graph.peer()
     command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 1}
     peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    parts = {end: kinds[f"std_srvs/srv/SetBool{end}"] for end in ("_Request", "_Reply")}
-    set_bool_client = call_class(ServiceClient, parts)
+    set_bool_client = set_bool(graph, ServiceClient)
     with (
         plc_server(graph, f"{space}/flag", lambda request: SimpleNamespace(success=True, message="")),
         set_bool_client(f"{space}/of/flag") as plc,
