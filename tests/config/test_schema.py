@@ -48,8 +48,7 @@ def type_of(key: Key) -> str:
 
 def test_configuration_page_contains_the_table(request: pytest.FixtureRequest) -> None:
     page = PAGE.read_text(encoding="utf-8")
-    table = "\n".join(table_rows())
-    expected = PLACE.sub(lambda _: f"\n{table}\n\n", page)
+    expected = PLACE.sub(lambda _: "\n".join(["", *table_rows(), "", ""]), page)
     if request.config.getoption("--update-golden"):
         PAGE.write_text(expected, encoding="utf-8")
     assert PAGE.read_text(encoding="utf-8") == expected, "pytest --update-golden tests/config/test_schema.py"
