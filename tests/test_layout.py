@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from shmgen.core.abi import region_size
 from shmgen.core.diagnostics import Rejected, Report, Span
 from shmgen.core.model import (
     Array,
@@ -28,7 +29,7 @@ from shmgen.core.model import (
     TypeName,
     TypeOptions,
 )
-from shmgen.generator.layout import canonical_text, check_size, region_size
+from shmgen.generator.layout import canonical_text, check_size
 
 from .support.build import classes, compile_headers, layouts_of, put, texts_of
 from .support.schemas import plain, random_message, schemas

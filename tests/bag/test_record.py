@@ -16,7 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader as RosbagsReader
 
 from shmgen.bag import read
-from shmgen.bag.kinds import kind_of
+from shmgen.bag.kinds import Kind
 from shmgen.live.classes import publisher
 from shmgen.live.regions import View
 from shmgen.runtime import region_name
@@ -94,7 +94,7 @@ def test_bag_has_all_samples_in_order_with_stamps_and_values(topic, registry, re
         (connection,) = reader.connections
         assert (reader.message_count, connection.msgtype) == (101, "demo_msgs/msg/Full")
         raw = [data for _, _, data in reader.messages()]
-    kind = kind_of(registry, "demo_msgs/msg/Full", None)
+    kind = Kind(registry.session_of("demo_msgs/msg/Full"), "demo_msgs/msg/Full")
     assert plain(kind.codec.decode(raw[-1])) == plain(expected)
 
 

@@ -16,9 +16,9 @@ import pytest
 from shmgen.bridge.plan import actions
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
-from shmgen.live.classes import action_client, action_server
+from shmgen.live.classes import call_class
 from shmgen.live.session import Session
-from shmgen.runtime import ServedGoal
+from shmgen.runtime import ActionClient, ActionServer, ServedGoal
 
 from ..support.ros1 import Bridge, Graph
 
@@ -76,7 +76,7 @@ class Cell:
         route = self.routes[name]
 
         def run() -> None:
-            with action_server(route.kinds)(route.entry.name) as served:
+            with call_class(ActionServer, route.kinds)(route.entry.name) as served:
                 while not stop.is_set():
                     if goal := served.wait(0.05):
                         handler(goal)
@@ -91,7 +91,7 @@ class Cell:
 
     def client(self, name: str) -> Any:
         route = self.routes[name]
-        return action_client(route.kinds)(route.entry.name)
+        return call_class(ActionClient, route.kinds)(route.entry.name)
 
 
 def execute_goal(goal: ServedGoal[Any]) -> None:

@@ -12,11 +12,12 @@ from typing import Any
 
 import pytest
 
-from shmgen.bridge.plan import CallRoute, services
+from shmgen.bridge.plan import services
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
+from shmgen.live.classes import call_class
 from shmgen.live.session import Session
-from shmgen.runtime import CallFailed, Publisher, ServiceClient, ServiceServer, Subscriber
+from shmgen.runtime import CallFailed, ServiceClient, ServiceServer
 
 from ..support.ros1 import LIMIT, Bridge, Graph
 
@@ -62,11 +63,7 @@ class Cell:
     def serve(self, name: str, handler: Callable[[Any], Any]) -> threading.Event:
         """Serve in a thread until the returned event is set."""
         route = self.routes[name]
-        kinds = {
-            "request_subscriber": endpoint_class(Subscriber, route, "_Request"),
-            "reply_publisher": endpoint_class(Publisher, route, "_Reply"),
-        }
-        server = type("Server", (ServiceServer,), kinds)(route.entry.name)
+        server = call_class(ServiceServer, route.kinds)(route.entry.name)
         stop = threading.Event()
 
         def run() -> None:
@@ -79,21 +76,12 @@ class Cell:
 
     def client(self, name: str) -> ServiceClient[Any, Any]:
         route = self.routes[name]
-        kinds = {
-            "request_publisher": endpoint_class(Publisher, route, "_Request"),
-            "reply_subscriber": endpoint_class(Subscriber, route, "_Reply"),
-        }
-        service_client: ServiceClient[Any, Any] = type("Client", (ServiceClient,), kinds)(route.entry.name)
-        return service_client
+        return call_class(ServiceClient, route.kinds)(route.entry.name)
 
     def call(self, name: str, values: str) -> str:
         """Run `rosservice call`, and return its output and the log of errors."""
         process = self.graph.command("rosservice", "call", f"{self.space}/{name}", values)
         return str(process.communicate(timeout=LIMIT)[0]) + (self.graph.folder / "log").read_text()
-
-
-def endpoint_class(base: Any, route: CallRoute, part: str) -> Any:
-    return type("End", (base,), {"message_type": route.kinds[part]})
 
 
 @pytest.fixture

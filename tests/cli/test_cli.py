@@ -495,7 +495,7 @@ def test_only_terminals_get_colour(tmp_path: Path) -> None:
 
 
 def test_shmgen_debug_prints_the_traceback(tmp_path: Path) -> None:
-    code = "from shmgen.generator import layout; from shmgen.cli.main import main; layout.region_size = None; main()"
+    code = "from shmgen.generator import layout; from shmgen.cli.main import main; layout.check_size = None; main()"
     command = [sys.executable, "-c", code, "generate", "std_msgs/Bool"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (result.returncode, "Traceback" in result.stderr) == (1, False)

@@ -7,19 +7,19 @@ import signal
 import threading
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from shmgen.bridge.backend import NoAnswer
 from shmgen.bridge.dds import backend
 from shmgen.bridge.dds.types import topic_name
-from shmgen.bridge.plan import CallRoute, services
+from shmgen.bridge.plan import services
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
 from shmgen.generator import pipeline
+from shmgen.live.classes import call_class
 from shmgen.live.session import Session
-from shmgen.runtime import Publisher, ServiceClient, ServiceServer, Subscriber
+from shmgen.runtime import ServiceClient, ServiceServer
 from tests.softplc import compile_st
 
 from ..rigs.load_bridge import RATES, bridged
@@ -126,11 +126,7 @@ def test_services_pass_both_ways(cell: Domain, graph: backend.Graph, topic: str)
     bridge = cell.bridge(SERVICES.format(topic=topic))
     served, called = services(Session(load(cell.folder / "shmgen.toml", "shmgen.toml", Report())))
 
-    classes = {
-        "request_subscriber": endpoint_class(Subscriber, served, "_Request"),
-        "reply_publisher": endpoint_class(Publisher, served, "_Reply"),
-    }
-    server_class = type("Server", (ServiceServer,), classes)
+    server_class = call_class(ServiceServer, served.kinds)
     stop = threading.Event()
 
     def serve() -> None:
@@ -153,16 +149,8 @@ def test_services_pass_both_ways(cell: Domain, graph: backend.Graph, topic: str)
     thread.join()
 
     graph.serve(called.wire, lambda request, answer: setattr(answer, "message", request.word.upper()), [].append)
-    classes = {
-        "request_publisher": endpoint_class(Publisher, called, "_Request"),
-        "reply_subscriber": endpoint_class(Subscriber, called, "_Reply"),
-    }
-    with type("Client", (ServiceClient,), classes)(called.entry.name) as plc:
+    with call_class(ServiceClient, called.kinds)(called.entry.name) as plc:
         assert plc.call(SimpleNamespace(part=3, word="stop"), LIMIT).message == "STOP"
-
-
-def endpoint_class(base: Any, route: CallRoute, part: str) -> Any:
-    return type("End", (base,), {"message_type": route.kinds[part]})
 
 
 @pytest.mark.slow

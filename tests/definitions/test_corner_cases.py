@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from shmgen.core.diagnostics import Rejected, Report
-from shmgen.definitions import Sources, load
+from shmgen.definitions import Sources, load, open_library
 from shmgen.definitions.tokens import Dialect
 from tests.definitions import references
 from tests.definitions.corner_cases import ROS1, ROS2, Case
@@ -73,7 +73,7 @@ def read_with_shmgen(case: Case, dialect: Dialect, folder: Path) -> Answer:
     file.write_bytes(case.text.encode())
     try:
         source = {"ros1": "noetic", "ros2": "jazzy"}[dialect]
-        schema = load([str(file)], Sources((folder,), source, folder), Report())
+        schema = load(open_library(Sources((folder,), source, folder), Report()), [str(file)], Report())
     except Rejected as rejected:
         return Refusal(rejected.diagnostics[0].code, crashed=False)
     expected_names = [f"demo_msgs/{case.kind}/{case.name}{ending}" for ending in references.ENDINGS[case.kind]]

@@ -9,7 +9,7 @@ import pytest
 
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.core.model import Array, Ref, Schema, Sequence, String, TypeName
-from shmgen.definitions import Sources, load
+from shmgen.definitions import Sources, load, open_library
 from tests.conftest import SHARED
 from tests.definitions.test_idl import HAS_ROSIDL
 
@@ -45,7 +45,7 @@ def packages(distribution: str) -> list[str]:
 
 
 def read(distribution: str, *requests: str) -> Schema:
-    return load(requests, Sources((CORPUS / distribution,), distribution, CORPUS), Report())
+    return load(open_library(Sources((CORPUS / distribution,), distribution, CORPUS), Report()), requests, Report())
 
 
 @pytest.mark.parametrize("distribution", ["jazzy", "noetic"])

@@ -56,7 +56,7 @@ def messages_by_name(schema: Schema) -> dict[str, Message]:
 
 def rejection(*requests: str, sources: Sources = ENV) -> str:
     with pytest.raises(Rejected) as caught:
-        load(requests, sources, Report())
+        load(open_library(sources, Report()), requests, Report())
     return str(caught.value)
 
 
@@ -68,8 +68,8 @@ def test_ros2_packages_come_from_the_ament_index(corpus, tmp_path, monkeypatch):
         files = {str(file.relative_to(root)): file.read_text() for file in root.glob("*/*.*") if file.suffix != ".idl"}
         install(tmp_path, package, files)
     source(monkeypatch, AMENT_PREFIX_PATH=tmp_path)
-    own_messages = messages_by_name(load(packages, ENV, Report()))
-    reference = messages_by_name(load(packages, Sources((corpus / "jazzy",)), Report()))
+    own_messages = messages_by_name(load(open_library(ENV, Report()), packages, Report()))
+    reference = messages_by_name(load(open_library(Sources((corpus / "jazzy",)), Report()), packages, Report()))
     assert {name: references.from_shmgen(message) for name, message in own_messages.items()} == {
         name: references.from_shmgen(message) for name, message in reference.items()
     }
@@ -83,7 +83,7 @@ def test_first_prefix_wins(tmp_path, monkeypatch):
     second = install(tmp_path / "theirs", "a_msgs", {"msg/A.msg": "int8 theirs", "msg/Other.msg": ""})
     install(second, "b_msgs", {"msg/B.msg": "a_msgs/A a"})
     source(monkeypatch, AMENT_PREFIX_PATH=[tmp_path / "missing", first, "", second, first])
-    loaded = messages_by_name(load(["b_msgs"], ENV, Report()))
+    loaded = messages_by_name(load(open_library(ENV, Report()), ["b_msgs"], Report()))
     assert [field.name for field in loaded["a_msgs/msg/A"].fields] == ["mine"]
     assert [str(name) for name in open_library(ENV, Report()).known()] == ["a_msgs/msg/A", "b_msgs/msg/B"]
     assert "looked in " + str(first / "share/a_msgs") in rejection("a_msgs/Other")
@@ -132,7 +132,7 @@ def test_ros1_packages_are_found_as_by_rospack(tmp_path, monkeypatch):
         },
     )
     source(monkeypatch, ROS_PACKAGE_PATH=[tmp_path / "ws/src", tmp_path / "gone", tmp_path / "ros/share"])
-    loaded = messages_by_name(load(["a_msgs"], ENV, Report()))
+    loaded = messages_by_name(load(open_library(ENV, Report()), ["a_msgs"], Report()))
     assert list(loaded) == ["std_msgs/msg/Header", "a_msgs/msg/A"]
     assert [str(field.type) for field in loaded["a_msgs/msg/A"].fields][1:] == ["Scalar.INT8", "Clock.TIME"]
     assert loaded["a_msgs/msg/A"].origin == "a_msgs/msg/A.msg of ROS 1"
@@ -147,7 +147,7 @@ def test_ros_version_selects_one_of_two_sourced_ros(tmp_path, monkeypatch):
     types = {}
     for version in ("", "1", "2"):
         source(monkeypatch, ROS_VERSION=version)
-        types[version] = load(["a_msgs"], ENV, Report()).messages[0].fields[0].type.value
+        types[version] = load(open_library(ENV, Report()), ["a_msgs"], Report()).messages[0].fields[0].type.value
     assert types == {"": "uint8", "1": "int8", "2": "uint8"}
     assert "SHM004" in rejection("b_msgs")
 
@@ -159,7 +159,7 @@ PACKAGES = sorted(folder.parent.name for folder in DEBIAN.glob("*_msgs/msg"))
 @pytest.mark.skipif("std_msgs" not in PACKAGES, reason="no ROS 1 of Debian: apt-get install ros-sensor-msgs")
 def test_debian_ros1_messages_match_rosbags(monkeypatch):
     monkeypatch.setattr(environment, "DEBIAN", DEBIAN)
-    loaded = messages_by_name(load(PACKAGES, ENV, Report()))
+    loaded = messages_by_name(load(open_library(ENV, Report()), PACKAGES, Report()))
     files = [file for package in PACKAGES for file in (DEBIAN / package / "msg").glob("*.msg")]
     assert len(files) >= 90
     for file in files:
@@ -183,7 +183,7 @@ def test_shell_without_sourced_ros(tmp_path, monkeypatch):
     source(monkeypatch, AMENT_PREFIX_PATH=tmp_path)
     assert f"AMENT_PREFIX_PATH is '{tmp_path}', but its folders contain no messages" in rejection("std_msgs/Bool")
     write(tmp_path, {"a_msgs/msg/A.msg": "int8 a"})
-    assert load(["a_msgs/A"], Sources((tmp_path,), "env"), Report()).messages
+    assert load(open_library(Sources((tmp_path,), "env"), Report()), ["a_msgs/A"], Report()).messages
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_shell_without_sourced_ros(tmp_path, monkeypatch):
 def test_package_xml_selects_the_dialect(tmp_path, manifest, byte):
     write(tmp_path, {"a_msgs/package.xml": f"<package>{manifest}</package>", "a_msgs/msg/A.msg": "byte a"})
     for store, default in (("jazzy", "uint8"), ("noetic", "int8")):
-        (message,) = load(["a_msgs"], Sources((tmp_path,), store, tmp_path), Report()).messages
+        (message,) = load(open_library(Sources((tmp_path,), store, tmp_path), Report()), ["a_msgs"], Report()).messages
         assert message.fields[0].type.value == (default if byte == "the source's" else byte)
 
 

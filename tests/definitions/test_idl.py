@@ -27,7 +27,7 @@ from shmgen.core.model import (
     TypeName,
     TypeOptions,
 )
-from shmgen.definitions import Sources, idl, load, rosidl
+from shmgen.definitions import Sources, idl, load, open_library, rosidl
 from shmgen.definitions.catalogue import Definition
 from shmgen.generator import bounds, layout
 from tests.definitions import references
@@ -317,7 +317,8 @@ def test_msg_takes_precedence_over_its_idl(tmp_path):
         },
     )
     assert names(load_folder(tmp_path, "x_msgs/B")) == ["x_msgs/msg/A", "x_msgs/msg/B"]
-    by_path = load([str(tmp_path / "x_msgs/srv/S.idl"), str(tmp_path / "x_msgs/msg/B.idl")], Sources(), Report())
+    files = [str(tmp_path / "x_msgs/srv/S.idl"), str(tmp_path / "x_msgs/msg/B.idl")]
+    by_path = load(open_library(Sources(), Report()), files, Report())
     parts = [f"x_msgs/srv/S_{part}" for part in ("Request", "Response", "Reply")]
     assert names(by_path) == [*parts, "x_msgs/msg/A", "x_msgs/msg/B"]
 
@@ -355,9 +356,9 @@ def load_both(corpus: Path, folder: Path, packages: list[str]) -> tuple[Schema, 
         for file in sorted((folder / package).glob("*/*.idl"))
     ]
     requests = [request for request in requests if request not in unusable]
-    theirs = load(requests, Sources((folder,)), Report())
+    theirs = load(open_library(Sources((folder,)), Report()), requests, Report())
     assert all(message.origin.endswith(".idl") for message in theirs.messages)
-    return load(requests, Sources((corpus / "jazzy",)), Report()), theirs
+    return load(open_library(Sources((corpus / "jazzy",)), Report()), requests, Report()), theirs
 
 
 # rosidl_adapter reads any text in brackets as a unit; shmgen leaves text such as `[0.0-1.0]` in the comment.

@@ -25,7 +25,11 @@ def write(root: Path, files: dict[str, str | bytes]) -> None:
 
 
 def load_folder(root: Path, *requests: str, source: str = "jazzy") -> Schema:
-    return load(requests, Sources((root,), source, root), Report())
+    return load(open_library(Sources((root,), source, root), Report()), requests, Report())
+
+
+def load_files(*files: str | Path) -> Schema:
+    return load(open_library(Sources(), Report()), map(str, files), Report())
 
 
 def names(schema: Schema) -> list[str]:
@@ -82,14 +86,14 @@ def test_package_request_loads_all_its_messages(tmp_path):
 def test_file_request_finds_messages_in_its_folder(tmp_path, monkeypatch):
     write(tmp_path, DEMO)
     monkeypatch.chdir(tmp_path / "demo_msgs" / "msg")
-    schema = load(["Robot.msg"], Sources(), Report())
+    schema = load_files("Robot.msg")
     assert names(schema) == ROBOT
     assert schema.messages[2].span.path == "Robot.msg"
 
 
 def test_folder_name_is_the_package_of_a_loose_file(tmp_path):
     write(tmp_path, {"demo/Robot.msg": "Arm arm", "demo/Arm.msg": "int8 a", "demo/Move.srv": "Arm arm\n---"})
-    schema = load([str(tmp_path / "demo/Robot.msg"), str(tmp_path / "demo/Move.srv")], Sources(), Report())
+    schema = load_files(tmp_path / "demo/Robot.msg", tmp_path / "demo/Move.srv")
     parts = [f"demo/srv/Move_{part}" for part in ("Request", "Response", "Reply")]
     assert names(schema) == ["demo/msg/Arm", "demo/msg/Robot", *parts]
 
@@ -110,7 +114,7 @@ def test_messages_in_group_folders_belong_to_the_package(tmp_path, monkeypatch):
     expected = ["adapi_msgs/msg/Factor", "adapi_msgs/msg/State", *parts]
     assert sorted(map(str, load_folder(tmp_path, "adapi_msgs").requested)) == expected
     monkeypatch.chdir(tmp_path / "adapi_msgs")
-    schema = load(["planning/msg/Factor.msg"], Sources(), Report())
+    schema = load_files("planning/msg/Factor.msg")
     assert names(schema) == ["adapi_msgs/msg/State", "adapi_msgs/msg/Factor"]
 
 
@@ -133,9 +137,9 @@ def test_messages_in_folders_below_msg_belong_to_the_package(tmp_path, monkeypat
     assert sorted(map(str, schema.requested)) == [*(f"p_msgs/msg/{name}" for name in ("Arm", "Robot", "Top")), *stop]
     assert [field.name for it in schema.messages if it.name.name == "Top" for field in it.fields] == ["above"]
     monkeypatch.chdir(tmp_path / "p_msgs/msg")
-    assert names(load(["deep/Robot.msg"], Sources(), Report())) == ["p_msgs/msg/Arm", "p_msgs/msg/Robot"]
+    assert names(load_files("deep/Robot.msg")) == ["p_msgs/msg/Arm", "p_msgs/msg/Robot"]
     monkeypatch.chdir(tmp_path / "loose/msg/deep")
-    assert names(load(["Not.msg"], Sources(), Report())) == ["deep/msg/Not"]
+    assert names(load_files("Not.msg")) == ["deep/msg/Not"]
 
 
 def test_ros1_action_messages_are_found_by_name(tmp_path):
@@ -168,18 +172,19 @@ def test_origins_are_independent_of_the_machine(tmp_path):
         "built-in store jazzy",
         "demo_msgs/msg/Robot.msg",
     ]
-    outside = load(["demo_msgs/Arm"], Sources((tmp_path,), "jazzy", tmp_path / "elsewhere"), Report())
+    library = open_library(Sources((tmp_path,), "jazzy", tmp_path / "elsewhere"), Report())
+    outside = load(library, ["demo_msgs/Arm"], Report())
     assert outside.messages[0].origin == "demo_msgs/msg/Arm.msg"
     assert outside.messages[0].span.path == str(tmp_path / "demo_msgs/msg/Arm.msg")
 
 
 def test_first_folder_with_a_package_provides_all_its_messages(tmp_path):
     write(tmp_path, {"one/geometry_msgs/msg/Point.msg": "int8 a", "two/geometry_msgs/msg/Point.msg": "int8 b"})
-    sources = Sources((tmp_path / "one", tmp_path / "two"), "jazzy", tmp_path)
-    (point,) = load(["geometry_msgs/Point"], sources, Report()).messages
+    library = open_library(Sources((tmp_path / "one", tmp_path / "two"), "jazzy", tmp_path), Report())
+    (point,) = load(library, ["geometry_msgs/Point"], Report()).messages
     assert point.fields[0].name == "a"
     with pytest.raises(Rejected, match=r"geometry_msgs/Pose[\s\S]*looked in one/geometry_msgs$"):
-        load(["geometry_msgs/Pose"], sources, Report())
+        load(library, ["geometry_msgs/Pose"], Report())
 
 
 MANIFEST = "<package>\n<!-- <name>no</name> -->\n<name> {} </name></package>"
@@ -239,7 +244,7 @@ def test_duplicate_package_name_is_rejected(tmp_path):
     write(tmp_path, {"a/c_msgs/package.xml": MANIFEST.format("c_msgs")})  # a package without messages
     assert names(load_folder(tmp_path, "c_msgs")) == ["c_msgs/msg/C"]
     with pytest.raises(Rejected, match="SHM505"):
-        load([str(tmp_path / f"{parent}/x_msgs/msg/A.msg") for parent in "ab"], Sources(), Report())
+        load_files(*(tmp_path / f"{parent}/x_msgs/msg/A.msg" for parent in "ab"))
 
 
 @pytest.mark.parametrize(
@@ -373,7 +378,7 @@ def test_file_name_with_invalid_utf8_is_reported(tmp_path):
 
 def test_invalid_sources_are_reported(tmp_path):
     with pytest.raises(Rejected) as caught:
-        load(["std_msgs/Bool"], Sources((tmp_path / "missing",), "jazy", tmp_path), Report())
+        open_library(Sources((tmp_path / "missing",), "jazy", tmp_path), Report())
     output = str(caught.value)
     assert "missing: error[SHM001]: no such folder" in output
     assert "SHM502" in output

@@ -25,8 +25,8 @@ def cache(monkeypatch, tmp_path):
 
 
 def load_all(source: str) -> Schema:
-    sources = Sources((), source)
-    return load(sorted({name.package for name in open_library(sources, Report()).known()}), sources, Report())
+    library = open_library(Sources((), source), Report())
+    return load(library, sorted({name.package for name in library.known()}), Report())
 
 
 def test_all_stores_are_available():
@@ -49,7 +49,8 @@ def test_messages_match_rosbags(source):
 
 
 def test_definitions_are_restored_with_defaults():
-    schema = load(["geometry_msgs/Quaternion", "std_msgs/Empty", "std_msgs/Header"], Sources(), Report())
+    requests = ["geometry_msgs/Quaternion", "std_msgs/Empty", "std_msgs/Header"]
+    schema = load(open_library(Sources(), Report()), requests, Report())
     quaternion, empty, header = schema.messages
     assert [field.default for field in quaternion.fields] == [0.0, 0.0, 0.0, 1.0]
     assert empty.fields == ()
@@ -60,11 +61,8 @@ def test_definitions_are_restored_with_defaults():
 
 
 def test_noetic_uses_the_dialect_of_ros1():
-    schema = load(
-        ["geometry_msgs/Quaternion", "std_msgs/Byte", "std_msgs/Time", "bond/Constants"],
-        Sources((), "noetic"),
-        Report(),
-    )
+    requests = ["geometry_msgs/Quaternion", "std_msgs/Byte", "std_msgs/Time", "bond/Constants"]
+    schema = load(open_library(Sources((), "noetic"), Report()), requests, Report())
     messages = {message.name.name: message for message in schema.messages}
     assert [field.default for field in messages["Quaternion"].fields] == [None] * 4
     assert messages["Byte"].fields[0].type is Scalar.INT8
@@ -117,7 +115,7 @@ def loaded_modules(*requests: str, path: str = "") -> str:
     code = (
         "import sys; from pathlib import Path\n"
         "from shmgen.definitions import *; from shmgen.core.diagnostics import Report\n"
-        f"load({requests!r}, Sources(({f'Path({path!r}),' if path else ''})), Report())\n"
+        f"load(open_library(Sources(({f'Path({path!r}),' if path else ''})), Report()), {requests!r}, Report())\n"
         "print(*(name for name in ('rosbags', 'importlib.metadata', 'xml') if name in sys.modules))"
     )
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()

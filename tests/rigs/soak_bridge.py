@@ -40,9 +40,9 @@ from typing import Any
 from shmgen.bridge import plan
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
-from shmgen.live.classes import action_client, client, publisher
+from shmgen.live.classes import call_class, publisher
 from shmgen.live.session import Session
-from shmgen.runtime import ShmError
+from shmgen.runtime import ActionClient, ServiceClient, ShmError
 from shmgen.runtime.region import header as h
 
 from ..bridge.contract import FIBONACCI
@@ -265,7 +265,7 @@ class Stage:
     def _ask(self) -> None:
         """Call a service that no ROS node offers, as a PLC would."""
         (route,) = [route for route in plan.services(self.session) if route.entry.name == self.topic("ask")]
-        with client(route.kinds["_Request"], route.kinds["_Reply"])(route.entry.name) as plc:
+        with call_class(ServiceClient, route.kinds)(route.entry.name) as plc:
             while not self.stop.wait(0.1):
                 with suppress(ShmError):
                     plc.call(SimpleNamespace(data=True), 5.0)
@@ -274,7 +274,7 @@ class Stage:
         """Send goals to an action that no ROS node offers."""
         for route in plan.actions(self.session):
             if not route.entry.on_plc:
-                with action_client(route.kinds)(route.entry.name) as plc:
+                with call_class(ActionClient, route.kinds)(route.entry.name) as plc:
                     while not self.stop.wait(0.5):
                         with suppress(ShmError):
                             plc.send_goal(route.kinds["_Goal"](), 1.0)

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from shmgen.bridge.plan import CallRoute, actions
-from shmgen.live.classes import action_client, action_server, subscriber
-from shmgen.runtime import ServedGoal
+from shmgen.live.classes import call_class, subscriber
+from shmgen.runtime import ActionClient, ActionServer, ServedGoal
 
 from ..conftest import REPOSITORY
 from ..support.dds import without_fast_dds
@@ -64,7 +64,7 @@ class Cell:
     @contextmanager
     def plc(self, handler: Callable[[ServedGoal[Any]], None]) -> Iterator[None]:
         """Run a PLC that serves the action `reach`."""
-        server_class = action_server(self.routes[self.reach].kinds)
+        server_class = call_class(ActionServer, self.routes[self.reach].kinds)
         stop = threading.Event()
 
         def run() -> None:
@@ -83,7 +83,7 @@ class Cell:
 
     def client(self) -> Any:
         """Return a PLC client of the action that ROS serves."""
-        return action_client(self.routes[self.of_ros].kinds)(self.of_ros)
+        return call_class(ActionClient, self.routes[self.of_ros].kinds)(self.of_ros)
 
 
 def wait_until(condition: Any, event: str) -> None:
@@ -170,10 +170,11 @@ import sys, time
 from shmgen.bridge.plan import actions
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
-from shmgen.live.classes import action_server
+from shmgen.live.classes import call_class
 from shmgen.live.session import Session
+from shmgen.runtime import ActionServer
 route = actions(Session(load(__import__("pathlib").Path("shmgen.toml"), "shmgen.toml", Report())))[0]
-with action_server(route.kinds)(route.entry.name) as served:
+with call_class(ActionServer, route.kinds)(route.entry.name) as served:
     print("serves", flush=True)
     served.wait(60).accept()
     print("taken", flush=True)

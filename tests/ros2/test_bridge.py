@@ -16,9 +16,9 @@ import pytest
 
 from shmgen.config import load
 from shmgen.core.diagnostics import Report
-from shmgen.live.classes import client, publisher, server, subscriber
+from shmgen.live.classes import call_class, publisher, subscriber
 from shmgen.live.session import Session
-from shmgen.runtime import ShmError
+from shmgen.runtime import ServiceClient, ServiceServer, ShmError
 
 from ..support.dds import without_fast_dds
 from ..support.ros1 import PROMPTLY, wait_for
@@ -47,11 +47,16 @@ def session(graph: Graph) -> Session:
     return Session(load(graph.folder / "shmgen.toml", "shmgen.toml", Report()))
 
 
+def set_bool(graph: Graph, end: type[Any]) -> Any:
+    """Return the subclass of a client or server class for std_srvs/SetBool."""
+    kinds = session(graph).classes(["std_srvs/SetBool"])
+    return call_class(end, {part: kinds[f"std_srvs/srv/SetBool{part}"] for part in ("_Request", "_Reply")})
+
+
 @contextmanager
 def plc_server(graph: Graph, name: str, handler: Callable[[Any], Any]) -> Iterator[None]:
     """Serve std_srvs/SetBool in a thread, as a PLC does."""
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    server_class = server(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    server_class = set_bool(graph, ServiceServer)
     stop = threading.Event()
 
     def run() -> None:
@@ -154,8 +159,8 @@ def test_waiting_call_blocks_no_topic_and_no_other_call(graph: Graph, space: str
         go.wait(30)
         return SimpleNamespace(success=request.data, message="of the PLC")
 
-    kinds = session(graph).classes(["std_srvs/SetBool", "geometry_msgs/Pose"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    kinds = session(graph).classes(["geometry_msgs/Pose"])
+    set_bool_client = set_bool(graph, ServiceClient)
     with (
         plc_server(graph, f"{space}/flag", handler),
         set_bool_client(f"{space}/of/flag") as plc,
@@ -199,8 +204,7 @@ def test_bridge_stops_promptly_during_calls(graph: Graph, space: str) -> None:
     )
     peer, other = graph.peer(), graph.peer()
     other.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[], delay=20)
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
     request_received = threading.Event()
     stop = threading.Event()
     outcome: list[str] = []

@@ -16,14 +16,14 @@ from typing import Any
 
 import pytest
 
-from shmgen.live.classes import client, publisher, subscriber
-from shmgen.runtime import CallFailed
+from shmgen.live.classes import publisher, subscriber
+from shmgen.runtime import CallFailed, ServiceClient
 
 from ..support import rclcpp
 from ..support.ros1 import PROMPTLY, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
-from .test_bridge import SET_BOOL, is_dds_type, message_types, plc_server, ros_environment, session, topic
+from .test_bridge import SET_BOOL, is_dds_type, message_types, plc_server, ros_environment, session, set_bool, topic
 from .test_identity import ACCEPT_KEYS, OTHERS, dds_peer, wire
 
 __all__ = ["dds_peer"]  # a fixture
@@ -146,8 +146,7 @@ def test_rate_passes_the_last_message_of_a_burst(graph: Graph, cpp_node: rclcpp.
 def test_services_pass_both_ways(graph: Graph, cpp_node: rclcpp.Node) -> None:
     node, peer, other, space = cpp_node.start(graph), graph.peer(), graph.peer(), cpp_node.space
     command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {"data": True}}
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
 
     def handler(request: Any) -> Any:
         return SimpleNamespace(success=request.data, message="of the PLC")

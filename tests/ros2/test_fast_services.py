@@ -17,15 +17,15 @@ pytest.importorskip("cyclonedds", exc_type=Exception)
 
 from shmgen.bridge.backend import Node
 from shmgen.bridge.dds import backend
-from shmgen.live.classes import client, server
-from shmgen.runtime import ShmError
+from shmgen.live.classes import call_class
+from shmgen.runtime import ServiceClient, ServiceServer, ShmError
 
 from ..conftest import REPOSITORY
 from ..support.dds import this_machine, without_fast_dds
 from ..support.ros1 import Bridge, wait_for
 from ..support.ros2 import Graph
 from ..support.schemas import plain, random_message
-from .test_bridge import SET_BOOL, call, plc_server, ros_environment, session
+from .test_bridge import SET_BOOL, call, plc_server, ros_environment, session, set_bool
 from .test_identity import service
 
 dds_only = pytest.mark.parametrize("graph", [("jazzy", "dds"), ("kilted", "dds")], indirect=True, ids="-".join)
@@ -60,7 +60,7 @@ def test_every_field_type_passes_with_concurrent_clients(graph: Graph, space: st
         schema_session = session(graph)
         kinds = schema_session.classes(["test_msgs/srv/BasicTypes"])
         layouts = schema_session.layouts(["test_msgs/srv/BasicTypes"])
-    request, reply = kinds[f"{BASIC}_Request"], kinds[f"{BASIC}_Reply"]
+    parts = {end: kinds[f"{BASIC}{end}"] for end in ("_Request", "_Reply")}
     layout = next(layout_ for layout_ in layouts.values() if str(layout_.name) == f"{BASIC}_Request")
     sent = [plain(random_message(layout, layouts, random.Random(seed))) for seed in range(12)]
     peers = [graph.peer() for _ in range(3)]
@@ -68,7 +68,7 @@ def test_every_field_type_passes_with_concurrent_clients(graph: Graph, space: st
     stop = threading.Event()
 
     def serve() -> None:
-        with server(request, reply)(f"{space}/plc") as served:
+        with call_class(ServiceServer, parts)(f"{space}/plc") as served:
             while not stop.is_set():
                 served.serve(lambda request: request, timeout=0.05)
 
@@ -96,7 +96,7 @@ def test_every_field_type_passes_with_concurrent_clients(graph: Graph, space: st
         for thread in threads:
             thread.join()
         assert [answers[number] for number in range(3)] == [sent[number::3] for number in range(3)]
-        with client(request, reply)(f"{space}/ros") as set_bool_client:
+        with call_class(ServiceClient, parts)(f"{space}/ros") as set_bool_client:
             assert [plain(set_bool_client.call(SimpleNamespace(**values), 20)) for values in sent] == sent
     finally:
         stop.set()
@@ -160,8 +160,7 @@ def test_service_of_another_definition_receives_no_call(graph: Graph, space: str
         + SET_BOOL.format(space=space, server="plc", timeout=1)
         + SET_BOOL.format(space=f"{space}/of", server="ros", timeout=3)
     )
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
     peer, kind = graph.peer(), "std_srvs/srv/SetBool"
     peer.ask(do="serve", service=f"{space}/of/flag", type=kind, answers=[])
     with (
@@ -191,8 +190,7 @@ def test_missing_shmgen_fastdds_is_reported(graph: Graph, space: str) -> None:
     peer = graph.peer()
     command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 1}
     peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
     with (
         plc_server(graph, f"{space}/flag", lambda request: SimpleNamespace(success=True, message="")),
         set_bool_client(f"{space}/of/flag") as plc,

@@ -19,14 +19,14 @@ from shmgen.bridge.backend import Node, ServiceWire, Wire
 from shmgen.bridge.dds import backend
 from shmgen.config import Config
 from shmgen.generator import pipeline
-from shmgen.live.classes import client, subscriber
-from shmgen.runtime import ShmError
+from shmgen.live.classes import subscriber
+from shmgen.runtime import ServiceClient, ShmError
 
 from ..dds.conftest import Taken
 from ..support.dds import LOOPBACK
 from ..support.ros1 import wait_for
 from ..support.ros2 import Graph
-from .test_bridge import SET_BOOL, plc_server, session, topic
+from .test_bridge import SET_BOOL, plc_server, session, set_bool, topic
 
 OTHERS = {
     "type": "float32 x\nfloat64 y\nfloat64 z\n",
@@ -190,8 +190,7 @@ def test_other_service_type_is_refused(graph: Graph, dds_peer: backend.Graph, sp
     peer = graph.peer()
     command = {"do": "call", "service": f"{space}/flag", "type": "std_srvs/srv/SetBool", "request": {}, "timeout": 2}
     peer.ask(do="serve", service=f"{space}/of/flag", type="std_srvs/srv/SetBool", answers=[])
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
     requests: list[Any] = []
 
     def handler(request: Any) -> Any:

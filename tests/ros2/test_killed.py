@@ -13,11 +13,12 @@ from typing import Any
 
 import pytest
 
-from shmgen.live.classes import client, publisher, subscriber
+from shmgen.live.classes import publisher, subscriber
+from shmgen.runtime import ServiceClient
 
 from ..support.ros1 import LIMIT, PROMPTLY, Peer, wait_for
 from ..support.ros2 import Graph
-from .test_bridge import SET_BOOL, plc_server, rclpy_only, session, topic
+from .test_bridge import SET_BOOL, plc_server, rclpy_only, session, set_bool, topic
 
 BACKENDS = pytest.mark.parametrize(
     "graph", [("jazzy", "ros2"), ("kilted", "ros2"), ("jazzy", "dds")], indirect=True, ids="-".join
@@ -118,8 +119,7 @@ def test_plc_handler_can_call_ros(graph: Graph, space: str) -> None:
     client_peer, server_peer = graph.peer(), graph.peer()
     kind = "std_srvs/srv/SetBool"
     server_peer.ask(do="serve", service=f"{space}/of/flag", type=kind, answers=[{"success": True, "message": "of ROS"}])
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
     with set_bool_client(f"{space}/of/flag") as plc:
 
         def handler(request: Any) -> Any:

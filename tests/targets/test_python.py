@@ -18,8 +18,9 @@ import pytest
 
 from shmgen import runtime
 from shmgen.config import Config
+from shmgen.core import abi
 from shmgen.core.model import TypeName
-from shmgen.generator import layout, pipeline
+from shmgen.generator import pipeline
 from shmgen.runtime.region import header
 
 from ..support.build import committed_texts, module, put
@@ -275,4 +276,4 @@ def test_generated_code_is_clean(tmp_path: Path) -> None:
 @pytest.mark.parametrize("depth", [1, 2, 3, 4, 100])
 def test_runtime_and_layout_agree_on_region_size(payload: int, depth: int) -> None:
     region_header = header.header_for("a/msg/B", 1, payload, depth)
-    assert region_header.size == layout.region_size(payload, region_header.slots)
+    assert region_header.size == abi.region_size(payload, region_header.slots)

@@ -53,8 +53,8 @@ def lay_out(
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
     packages = sorted({name.rpartition("/")[0] or "demo_msgs" for name in messages})
-    sources = definitions.Sources((folder,), source, folder)
-    schema = bounds.apply(definitions.load(packages, sources, Report()), Bounds({}, {}), Report())
+    library = definitions.open_library(definitions.Sources((folder,), source, folder), Report())
+    schema = bounds.apply(definitions.load(library, packages, Report()), Bounds({}, {}), Report())
     return layout.lay_out(schema, options or TypeOptions(), 2**26, Report())
 
 
@@ -148,8 +148,8 @@ def test_file_contains_the_object_of_its_name(parsed_files: ParsedFiles) -> None
 
 def test_only_requested_messages_have_blocks(tmp_path: Path) -> None:
     lay_out(tmp_path, MESSAGES)
-    sources = definitions.Sources((tmp_path,), "jazzy", tmp_path)
-    schema = definitions.load(["demo_msgs/Tagged"], sources, Report())
+    library = definitions.open_library(definitions.Sources((tmp_path,), "jazzy", tmp_path), Report())
+    schema = definitions.load(library, ["demo_msgs/Tagged"], Report())
     layouts = layout.lay_out(bounds.apply(schema, Bounds({}, {}), Report()), TypeOptions(), 2**26, Report())
     assert sorted(path for path in texts_of(layouts) if "/demo_msgs/" in path) == [
         "st/demo_msgs/FB_demo_msgs_Tagged_Publisher.st",

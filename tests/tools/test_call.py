@@ -12,9 +12,9 @@ import pytest
 
 from shmgen import config
 from shmgen.core.diagnostics import Report
-from shmgen.live.classes import ClassRegistry
+from shmgen.live.classes import ClassRegistry, call_class
 from shmgen.live.session import Session
-from shmgen.runtime import Publisher, ServiceServer, Subscriber
+from shmgen.runtime import ServiceServer
 from shmgen.tools.messages import call as tool
 
 DEFINITION = "bool on\nuint32 batch 7\n---\nbool success\nuint32[<=40] batches\nstring message\n"
@@ -34,11 +34,7 @@ def running_server(folder, topic):
     """A server in a thread of this process, which answers the command like a PLC or a bridge."""
     registry = ClassRegistry(Session(config.load(folder / "shmgen.toml", "shmgen.toml", Report())), None)
     _, client = tool.build(topic, "cell_msgs/Start", {}, registry)
-    request, reply = client.request_publisher.message_type, client.reply_subscriber.message_type
-    kinds = {
-        "request_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": request}),
-        "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
-    }
+    kinds = {"_Request": client.request_publisher.message_type, "_Reply": client.reply_subscriber.message_type}
     stop = threading.Event()
 
     def handler(request):
@@ -50,7 +46,7 @@ def running_server(folder, topic):
         while not stop.is_set():
             server.serve(handler, 0.1)
 
-    with type("LiveServer", (ServiceServer,), kinds)(topic) as server:
+    with call_class(ServiceServer, kinds)(topic) as server:
         thread = threading.Thread(target=serve)
         thread.start()
         yield

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from shmgen.tools.doctor.logout import of_logout, removes_ipc
+from shmgen.tools.doctor.environment import of_logout, removes_ipc
 
 
 def put(root, path, value):

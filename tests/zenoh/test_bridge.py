@@ -15,10 +15,11 @@ from typing import Any
 
 import pytest
 
-from shmgen.live.classes import client, publisher, subscriber
+from shmgen.live.classes import publisher, subscriber
+from shmgen.runtime import ServiceClient
 
 from ..rigs.load_bridge import RATES, bridged
-from ..ros2.test_bridge import SET_BOOL, call, plc_server, ros_environment, session, topic
+from ..ros2.test_bridge import SET_BOOL, call, plc_server, ros_environment, session, set_bool, topic
 from ..support import import_or_skip, ros2
 from ..support.ros1 import PROMPTLY, Peer, wait_for
 from ..support.schemas import plain, random_message
@@ -214,8 +215,7 @@ def test_services_pass_both_ways(graph: Graph, space: str) -> None:
         space=ros, server="ros", timeout=20
     )
     bridge, peer, other = graph.bridge(services), graph.peer(), graph.peer()
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
 
     def handler(request: Any) -> Any:
         return SimpleNamespace(success=request.data, message="of the PLC")
@@ -259,8 +259,7 @@ def test_bridge_stops_promptly_during_calls(graph: Graph, space: str) -> None:
     )
     bridge, peer, other = graph.bridge(services), graph.peer(), graph.peer()
     other.ask(do="serve", service=f"{ros}/flag", answers=[{}], delay=20, **SETBOOL)
-    kinds = session(graph).classes(["std_srvs/SetBool"])
-    set_bool_client = client(kinds["std_srvs/srv/SetBool_Request"], kinds["std_srvs/srv/SetBool_Reply"])
+    set_bool_client = set_bool(graph, ServiceClient)
     request_received, ended = threading.Event(), threading.Event()
 
     def handler(request: Any) -> Any:

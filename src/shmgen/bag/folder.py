@@ -30,7 +30,7 @@ class Bag:
         self.samples = 0
         self.size = 0
         self._most, self._longest = most, longest
-        self._channels: dict[int, Channel] = {}
+        self._channels: list[Channel] = []
         self._files: list[mcap.File] = []
         self._open: mcap.File | None = None
         self._begun = 0.0
@@ -41,8 +41,8 @@ class Bag:
         return [file.path for file in self._files]
 
     def add(self, channel: Channel) -> None:
-        """Add a channel. Call this before the first put() of a chunk that contains messages of the channel."""
-        self._channels[channel.number] = channel
+        """Add a channel to the topics in metadata.yaml. Call this before put() of its first message."""
+        self._channels.append(channel)
 
     def put(self, chunk: Chunk) -> None:
         """Write a chunk; begin a new file if the current file is full.
@@ -57,7 +57,7 @@ class Bag:
             self._begun = time.monotonic()
             self.write_metadata()
         before = self._open.size
-        self._open.put(chunk, self._channels)
+        self._open.put(chunk)
         self.size += self._open.size - before
         self.samples += len(chunk.messages)
 
@@ -99,7 +99,7 @@ class Bag:
 
         The text is JSON, because JSON is valid YAML.
         """
-        counts = sum((file.counts for file in files), Counter[int]())
+        counts = sum((file.counts for file in files), Counter[Channel]())
         first = min((file.first for file in files if file.counts), default=0)
         last = max((file.last for file in files), default=0)
         about: dict[str, Any] = {
@@ -116,11 +116,11 @@ class Bag:
                         "type": channel.type,
                         "serialization_format": "cdr",
                         "offered_qos_profiles": [],
-                        "type_description_hash": channel.type_hash,
+                        "type_description_hash": channel.metadata["topic_type_hash"],
                     },
-                    "message_count": counts[channel.number],
+                    "message_count": counts[channel],
                 }
-                for channel in self._channels.values()
+                for channel in self._channels
             ],
             "compression_format": "",
             "compression_mode": "",

@@ -15,7 +15,6 @@ from shmgen.core.model import Message as Definition
 from shmgen.core.type_hash import TIMES, type_hash
 from shmgen.drift import lockfile
 from shmgen.generator import pipeline
-from shmgen.live.classes import ClassRegistry
 from shmgen.live.session import Session
 from shmgen.runtime import Message
 
@@ -24,7 +23,11 @@ _RULE = "=" * 80
 
 @dataclass(frozen=True)
 class Kind:
-    """A message type of a region, with its data for a bag: ROS name, definition, type hash, layout and encoding."""
+    """A message type of a region, with its data for a bag: ROS name, definition, type hash, layout and encoding.
+
+    `session` has the layout of the message `request`, as ClassRegistry.session_of() returns it. All attributes raise
+    ValueError if `request` names several messages.
+    """
 
     session: Session
     request: str
@@ -81,15 +84,6 @@ class Kind:
         needed = {definition.name for definition in self.definitions}
         layouts = {name: layout for name, layout in self.layouts.items() if name in needed}
         return lockfile.write(layouts, {}, pipeline.lock_settings(self.session.config))
-
-
-def kind_of(registry: ClassRegistry, request: str, digest: int | None) -> Kind:
-    """Return the Kind of the message `request` whose layout has this digest. None accepts any digest.
-
-    Raises Rejected if the type is unknown, LayoutMismatch if no layout has the digest, and ValueError if `request`
-    names several messages.
-    """
-    return Kind(registry.session_of(request, digest), request)
 
 
 def _texts(definitions: Iterable[Definition]) -> str:

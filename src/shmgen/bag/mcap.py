@@ -37,34 +37,31 @@ _END = _end()
 """The end of a file without a summary. Readers then scan such a file from its beginning."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """A topic in a bag, with its ROS type.
+    """A topic in a bag, with its ROS type. `text` is the definition of the type.
 
-    `number` identifies the channel in the bag. `text` is the definition of the type, `type_hash` its hash by REP 2016.
-    `metadata` has the keys that shmgen and rosbag2 define.
+    `metadata` has the keys that shmgen and rosbag2 define. It is mostly empty if another program recorded the bag.
     """
 
-    number: int
     topic: str
     type: str
     text: str
-    type_hash: str
-    metadata: Mapping[str, str]
+    metadata: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class Chunk:
     """Messages that File.put() writes together. `size` is the size of their data in bytes.
 
-    Each message consists of the number of its channel, its sequence number, the time of recording, the writer's stamp,
+    Each message consists of its channel, its sequence number, the time of recording, the writer's stamp,
     and its data. Both times are in ns since 1970. The messages are in the order of recording.
     """
 
-    messages: list[tuple[int, int, int, int, bytes]] = field(default_factory=list)
+    messages: list[tuple[Channel, int, int, int, bytes]] = field(default_factory=list)
     size: int = 0
 
-    def add(self, channel: int, sequence: int, logged: int, published: int, data: bytes) -> None:
+    def add(self, channel: Channel, sequence: int, logged: int, published: int, data: bytes) -> None:
         self.messages.append((channel, sequence, logged, published, data))
         self.size += len(data)
 
@@ -93,9 +90,9 @@ class File:
         self.path = path
         self.first = self.last = 0
         """Times of recording of the first and last message, in ns since 1970."""
-        self.counts: Counter[int] = Counter()
+        self.counts: Counter[Channel] = Counter()
         """The number of messages of each channel."""
-        self._channels: dict[int, int] = {}
+        self._numbers: dict[Channel, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._pending = _Pending()
         self._writer = Writer(self._pending, chunk_size=1 << 62, compression=CompressionType.NONE)
@@ -115,14 +112,14 @@ class File:
         """Size of the file in bytes."""
         return self._whole + len(_END)
 
-    def put(self, chunk: Chunk, channels: Mapping[int, Channel]) -> None:
-        """Write a chunk with at least one message. `channels` contains the channel of each number in the chunk.
+    def put(self, chunk: Chunk) -> None:
+        """Write a chunk with at least one message.
 
         Raises OSError if writing fails. The file is then readable to the chunk before; call abandon().
         """
-        for number, sequence, logged, published, data in chunk.messages:
-            channel = self._channels.get(number) or self._register(channels[number])
-            self._writer.add_message(channel, logged, data, published, sequence)
+        for channel, sequence, logged, published, data in chunk.messages:
+            number = self._numbers.get(channel) or self._register(channel)
+            self._writer.add_message(number, logged, data, published, sequence)
         self._writer.flush()
         self._append(self._pending.take())
         self.first = self.first or chunk.messages[0][2]
@@ -151,9 +148,8 @@ class File:
         key = channel.type, channel.text
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(channel.type, "ros2msg", channel.text.encode())
-        metadata = {"offered_qos_profiles": "[]", "topic_type_hash": channel.type_hash, **channel.metadata}
-        number = self._writer.register_channel(channel.topic, "cdr", self._schemas[key], metadata)
-        self._channels[channel.number] = number
+        number = self._writer.register_channel(channel.topic, "cdr", self._schemas[key], channel.metadata)
+        self._numbers[channel] = number
         return number
 
     def _append(self, data: bytes) -> None:

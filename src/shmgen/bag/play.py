@@ -8,8 +8,9 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from shmgen.bag.kinds import Kind, kind_of
-from shmgen.bag.read import Channel, Message, Unreadable, messages
+from shmgen.bag.kinds import Kind
+from shmgen.bag.mcap import Channel
+from shmgen.bag.read import Message, Unreadable, messages
 from shmgen.core.diagnostics import Rejected, Report
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
@@ -30,13 +31,12 @@ Tell = Callable[[str], None]
 
 @dataclass(slots=True)
 class _Outlet:
-    """A topic on which a bag is played: its publisher, and the counts of published and refused samples."""
+    """A topic on which a bag is played. `has_refused` is True after a value of a message did not fit into a sample."""
 
     topic: str
     kind: Kind
     writer: Publisher[Sample]
-    played: int = 0
-    refused: int = 0
+    has_refused: bool = False
 
 
 class Player:
@@ -54,6 +54,8 @@ class Player:
         Opening a region raises the errors of Publisher. `tell` receives lines for the user.
         """
         self._path, self._tell = path, tell
+        self.played = self.refused = 0
+        """The numbers of published messages, and of messages that were skipped because a value did not fit."""
         channels, self.first, self.last, self.total = _looked_through(path)
         chosen = {channel.topic: channel for channel in channels if _is_chosen(topic_in(channel), topics)}
         if topics is not None and (missing := _not_in(topics, channels)):
@@ -76,15 +78,6 @@ class Player:
     @property
     def topics(self) -> list[str]:
         return [outlet.topic for outlet in self._outlets.values()]
-
-    @property
-    def played(self) -> int:
-        return sum(outlet.played for outlet in self._outlets.values())
-
-    @property
-    def refused(self) -> int:
-        """The number of messages that were skipped because a value did not fit into a sample."""
-        return sum(outlet.refused for outlet in self._outlets.values())
 
     def play(self, rate: float = 1.0, start: float = 0.0) -> Iterator[float]:
         """Publish all messages from `start` seconds on, `rate` times as fast as recorded.
@@ -116,11 +109,12 @@ class Player:
         try:
             outlet.writer.publish(outlet.kind.codec.decode(message.data))
         except (ValueError, struct.error) as error:  # ValueRejected is a ValueError; other errors of the runtime pass
-            if not outlet.refused:
+            if not outlet.has_refused:
                 self._tell(f"{outlet.topic}: a message that fits no sample: {error}")
-            outlet.refused += 1
+            outlet.has_refused = True
+            self.refused += 1
         else:
-            outlet.played += 1
+            self.played += 1
 
     def _wait(self, due: float) -> None:
         while (left := due - time.monotonic()) > 0:
@@ -188,7 +182,7 @@ def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
     """
     digest = channel.metadata.get("shmgen_digest")
     try:
-        kind = kind_of(registry, channel.type, int(digest, 16) if digest else None)
+        kind = Kind(registry.session_of(channel.type, int(digest, 16) if digest else None), channel.type)
     except LayoutMismatch as error:
         differences = "\n".join(_differences(channel, registry)) or str(error)
         raise LayoutMismatch(
@@ -210,7 +204,7 @@ def _differences(channel: Channel, registry: ClassRegistry) -> Iterator[str]:
     if report.diagnostics:
         return
     try:
-        kind = kind_of(registry, channel.type, None)
+        kind = Kind(registry.session_of(channel.type), channel.type)
     except Rejected:
         return
     for finding in compare(before, lockfile.read(kind.lock, "here", report), "here"):

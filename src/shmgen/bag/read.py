@@ -6,8 +6,8 @@ import os
 import struct
 import sys
 import zlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -17,7 +17,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 
-from shmgen.bag import mcap
+from shmgen.bag.mcap import MAGIC, Channel
 from shmgen.core.escape import legible
 from shmgen.core.files import open_file
 from shmgen.core.plural import counted
@@ -32,16 +32,6 @@ class Unreadable(ValueError):
 
     def __init__(self, text: str) -> None:
         super().__init__(legible(text))
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """A topic in a bag. `metadata` is mostly empty if another program recorded the bag."""
-
-    topic: str
-    type: str
-    text: str
-    metadata: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +74,7 @@ def _of_file(path: Path) -> Iterator[Channel | Message]:
     channels: dict[int, Channel] = {}
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
-        if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
+        if file.read(len(MAGIC)) != MAGIC:
             raise Unreadable(f"{path}: not an MCAP file")
         try:
             for code, content in _contents(file, size, path):

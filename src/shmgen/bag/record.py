@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from shmgen.bag.folder import Bag
-from shmgen.bag.kinds import Kind, kind_of
+from shmgen.bag.kinds import Kind
 from shmgen.bag.mcap import Channel, Chunk
 from shmgen.core.diagnostics import Rejected
 from shmgen.live import regions
@@ -60,7 +60,7 @@ class _Source:
     view: View
     reader: Subscriber[Message]
     kind: Kind
-    channel: int
+    channel: Channel
     samples: int = 0
     damaged: int = 0
 
@@ -80,7 +80,7 @@ class Recorder:
         """Counts of recorded, missed and damaged samples of removed regions, by topic."""
         self._refused: dict[str, int | None] = {}
         """Inodes of regions that cannot be recorded, by region name."""
-        self._channels: dict[tuple[str, str, int], int] = {}
+        self._channels: dict[tuple[str, str, int], Channel] = {}
         self._logged = 0
         self._writer = _Writer(bag)
         self.failed = False
@@ -173,7 +173,7 @@ class Recorder:
                 view.close()
                 return
             header = sound(view)
-            kind = kind_of(self._registry, header.type_name, header.digest)
+            kind = Kind(self._registry.session_of(header.type_name, header.digest), header.type_name)
             kind.encode  # noqa: B018 build the encoder now, before samples wait for it
             reader = watcher(view, kind.message, history=not first)
         except BaseException:
@@ -187,17 +187,19 @@ class Recorder:
         self._tell(f"{topic_of(name)}: not recorded: {error}")
         self.failed = True
 
-    def _channel(self, topic: str, kind: Kind, depth: int) -> int:
+    def _channel(self, topic: str, kind: Kind, depth: int) -> Channel:
         key = topic, kind.name, kind.layout.digest
         if key not in self._channels:
-            self._channels[key] = number = len(self._channels) + 1
-            ours = {
+            metadata = {
+                "offered_qos_profiles": "[]",
+                "topic_type_hash": kind.type_hash,
                 "shmgen_topic": topic,
                 "shmgen_depth": str(depth),
                 "shmgen_digest": f"{kind.layout.digest:016x}",
                 "shmgen_layout": kind.lock,
             }
-            self._writer.put(Channel(number, bag_topic(topic), kind.name, kind.text, kind.type_hash, ours))
+            self._channels[key] = Channel(bag_topic(topic), kind.name, kind.text, metadata)
+            self._writer.put(self._channels[key])
         return self._channels[key]
 
     def _drop(self, name: str) -> None:

@@ -15,7 +15,7 @@ from shmgen.bridge.common.counters import Counters, describe
 from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, WorkerSide
 from shmgen.bridge.plan import CallRoute
 from shmgen.bridge.services import count_unanswered
-from shmgen.live.classes import action_client, action_server
+from shmgen.live.classes import call_class
 from shmgen.runtime import ActionClient, ActionServer, Message, ServedGoal, ShmError, ValueRejected
 
 _GOAL_POLL_INTERVAL = 0.005
@@ -89,7 +89,7 @@ class PlcActionServer(WorkerSide):
         return True
 
     def _open_client(self) -> ActionClient[Any, Any, Any]:
-        client = action_client(self.route.kinds)(self.route.entry.name)
+        client = call_class(ActionClient, self.route.kinds)(self.route.entry.name)
         client.cancel_former()
         return client
 
@@ -157,7 +157,7 @@ class PlcActionClient(WorkerSide):
 
     def __init__(self, route: CallRoute, counters: Counters) -> None:
         super().__init__(route, counters)
-        kind = action_server(route.kinds)
+        kind = call_class(ActionServer, route.kinds)
         self.end: RegionEndpoint[ActionServer[Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
 
     def start(self, backend: Backend) -> None:

@@ -10,7 +10,7 @@ from shmgen.bridge.backend import ActionWire, ServiceWire, Wire
 from shmgen.bridge.codec.direct import direct_codec
 from shmgen.config.entries import TopicEntry
 from shmgen.core.diagnostics import Report
-from shmgen.core.model import Action, Clock, Layouts, Ref, Schema, Service, TypeName, element_of
+from shmgen.core.model import Call, Clock, Layouts, Ref, Schema, TypeName, element_of
 from shmgen.core.model import Message as Definition
 from shmgen.generator import resolve
 from shmgen.live.session import Session
@@ -64,7 +64,7 @@ class Route:
 class CallRoute:
     """The plan for one service or action. `kinds` maps the suffix of a message type, such as `_Goal`, to the class."""
 
-    entry: Service | Action
+    entry: Call
     wire: Any
     kinds: Mapping[str, type[Message]]
 
@@ -77,7 +77,7 @@ class CallRoute:
     @property
     def about(self) -> About:
         direction = "PLC serves" if self.entry.on_plc else "PLC calls"
-        half = "request" if isinstance(self.entry, Service) else "goal"
+        half = "request" if self.entry.type.kind == "srv" else "goal"
         region = region_file(f"{region_name(self.entry.name)}-{half}")
         return About(self.entry.name, direction, self.entry.type.short, region)
 
@@ -108,7 +108,7 @@ def services(session: Session) -> list[CallRoute]:
     """Return a route for each entry of [[services]]. Raises Rejected if an entry has errors."""
     entries, schema, _, kinds = _resolve(session, resolve.services)
 
-    def route(service: Service) -> CallRoute:
+    def route(service: Call) -> CallRoute:
         request, response = (closure(schema, service.type.part(part)) for part in ("_Request", "_Response"))
         parts = {part: kinds[str(service.type.part(part))] for part in ("_Request", "_Response", "_Reply")}
         return CallRoute(service, ServiceWire(service.name, request, response), parts)
@@ -120,7 +120,7 @@ def actions(session: Session) -> list[CallRoute]:
     """Return a route for each entry of [[actions]]. Raises Rejected if an entry has errors."""
     entries, schema, layouts, kinds = _resolve(session, resolve.actions)
 
-    def route(action: Action) -> CallRoute:
+    def route(action: Call) -> CallRoute:
         names = {part: action.type.part(part) for part in _ACTION_PARTS}
         goal, result, feedback = (closure(schema, names[part]) for part in _ACTION_PARTS[:3])
         size = max(layouts[name].size for name in names.values())

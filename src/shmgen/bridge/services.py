@@ -8,7 +8,7 @@ from shmgen.bridge.backend import Backend, NoAnswer, RosClient
 from shmgen.bridge.common.counters import Counters, describe
 from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side, WorkerSide
 from shmgen.bridge.plan import CallRoute
-from shmgen.live.classes import client, server
+from shmgen.live.classes import call_class
 from shmgen.runtime import Closed, ServiceClient, ServiceServer, ValueRejected
 
 
@@ -17,7 +17,7 @@ class PlcServiceServer(Side):
 
     def __init__(self, route: CallRoute, counters: Counters) -> None:
         super().__init__(route, counters)
-        kind = client(route.kinds["_Request"], route.kinds["_Reply"])
+        kind = call_class(ServiceClient, route.kinds)
         self.end: RegionEndpoint[ServiceClient[Any, Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
 
     def start(self, backend: Backend) -> None:
@@ -44,7 +44,7 @@ class PlcServiceClient(WorkerSide):
 
     def __init__(self, route: CallRoute, counters: Counters) -> None:
         super().__init__(route, counters)
-        kind = server(route.kinds["_Request"], route.kinds["_Reply"])
+        kind = call_class(ServiceServer, route.kinds)
         self.end: RegionEndpoint[ServiceServer[Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
 
     def start(self, backend: Backend) -> None:

@@ -19,7 +19,6 @@ from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import CallRoute, Route
 from shmgen.bridge.services import PlcServiceClient, PlcServiceServer
 from shmgen.bridge.topics import FromPlc, ToPlc
-from shmgen.core.model import Service
 from shmgen.live.session import Session
 from shmgen.runtime import can_wait_for_many
 
@@ -147,7 +146,7 @@ class Sides:
                 return ToPlc(route, counters, end)
             case Route():
                 return FromPlc(route, counters, self._listener, end)
-            case CallRoute(entry=Service()):
+            case CallRoute() if route.entry.type.kind == "srv":
                 return (PlcServiceServer if route.entry.on_plc else PlcServiceClient)(route, counters)
             case CallRoute():
                 return (PlcActionServer if route.entry.on_plc else PlcActionClient)(route, counters)

@@ -110,7 +110,8 @@ def generate(
             linked.check(texts[lockfile.LOCK], locks)
         leftovers = sorted(set(lock.files) - set(texts))
         written = write(output, texts, leftovers, last=lockfile.LOCK, former=lock_bytes)
-    skipped = [] if quiet or not skip_unbounded else list(requested.left_out(config, requests))
+    omitted = () if quiet or not skip_unbounded else pipeline.skippable(config, requests)[1]
+    skipped = sorted(name.short for name in omitted)
     summary = "" if quiet else _summary(output, len(texts), skipped, written.changed, len(written.removed))
     click.echo(summary, nl=False)
     if not quiet:

@@ -61,12 +61,6 @@ def texts(
         raise Rejected(diagnostics) from rejected
 
 
-def left_out(config: Config, requests: Iterable[str]) -> list[str]:
-    """Return the sorted names of messages that `--skip-unbounded` leaves out."""
-    requested_schema, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
-    return sorted(name.short for name in requested_schema.requested - bounded.requested)
-
-
 def remember(
     output: str, config: Config, requests: Iterable[str], config_file: Path | None, files: Iterable[str], began: int
 ) -> None:
@@ -86,9 +80,9 @@ def _skip_hint(config: Config, requests: Iterable[str]) -> Iterator[str]:
     """Yield a hint to use --skip-unbounded, if only some messages of a requested package lack bounds."""
     if all("/" in request or Path(request).suffix for request in requests):
         return
-    requested_schema, bounded = pipeline.skippable(config, dict.fromkeys([*requests, *config.types_used]))
-    if bounded.requested < requested_schema.requested:
-        could = f"{len(bounded.requested)} of {len(requested_schema.requested)} requested messages need no more bounds"
+    usable, omitted = pipeline.skippable(config, requests)
+    if omitted:
+        could = f"{len(usable)} of {len(usable) + len(omitted)} requested messages need no more bounds"
         yield f"{could}: `shmgen generate` with --skip-unbounded leaves out the others"
 
 

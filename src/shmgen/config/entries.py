@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 from shmgen.config.document import Reader
 from shmgen.core import abi
@@ -79,7 +79,7 @@ class CallEntry(NamedTuple):
 
 def topics(read: Reader, data: dict[str, Any]) -> tuple[TopicEntry, ...]:
     """Read all [[topics]]. Reports invalid entries as SHM501 or SHM502."""
-    return tuple(_topic(read, entry) for entry in _entries(read, data, "topics", abi.MAX_NAME))
+    return tuple(_topic(read, *entry) for entry in _entries(read, data, "topics", abi.MAX_NAME))
 
 
 def calls(read: Reader, data: dict[str, Any], list_name: str) -> tuple[CallEntry, ...]:
@@ -90,19 +90,11 @@ def calls(read: Reader, data: dict[str, Any], list_name: str) -> tuple[CallEntry
     )
 
 
-class _Entry(NamedTuple):
-    """One checked table of [[topics]], [[services]] or [[actions]].
-
-    `section` is the name of the table for the Reader, such as `topics.0`.
-    """
-
-    section: str
-    table: dict[str, Any]
-    values: dict[str, Any]
-    span: Span
-
-
 _MESSAGE = re.compile(r"[A-Za-z]\w*/((msg|srv|action)/)?[A-Za-z]\w*", re.ASCII)
+
+
+_Entry: TypeAlias = tuple[str, dict[str, Any], dict[str, Any], Span]
+"""The section of a table for the Reader, such as `topics.0`, the table, its values with defaults, and its position."""
 
 
 def _entries(read: Reader, data: dict[str, Any], list_name: str, longest: int) -> Iterator[_Entry]:
@@ -128,21 +120,20 @@ def _entries(read: Reader, data: dict[str, Any], list_name: str, longest: int) -
         if isinstance(table.get("type"), str) and not _MESSAGE.fullmatch(type):
             what = {"topic": "a message", "service": "a service"}.get(kind, "an action")
             read.wrong(section, "type", f"type {type} is not {what}: write package/Name")
-        yield _Entry(section, table, values, read.span(section, kind))
+        yield section, table, values, read.span(section, kind)
         if name.removeprefix("/") in seen:
             read.wrong(section, kind, f"{kind} {name} is listed twice")
         if kind in table:
             seen.add(name.removeprefix("/"))
 
 
-def _topic(read: Reader, entry: _Entry) -> TopicEntry:
+def _topic(read: Reader, section: str, table: dict[str, Any], values: dict[str, Any], span: Span) -> TopicEntry:
     """Return the topic of one `[[topics]]` entry. Reports SHM502 if the direction excludes a setting of the bridge."""
-    values = entry.values
     for key, towards in (("stamp", "from_plc"), ("overflow", "to_plc"), ("other_definition", "to_plc")):
-        if key in entry.table and values["direction"] != towards:
-            read.wrong(entry.section, key, f'{key} is valid only with direction = "{towards}"')
+        if key in table and values["direction"] != towards:
+            read.wrong(section, key, f'{key} is valid only with direction = "{towards}"')
     carried = TransferOptions(**{name: values[name] for name in TransferOptions.__match_args__})
-    return TopicEntry(values["topic"], values["type"], values["direction"], values["depth"], entry.span, carried)
+    return TopicEntry(values["topic"], values["type"], values["direction"], values["depth"], span, carried)
 
 
 def _not_a_name(name: str, longest: int) -> str:

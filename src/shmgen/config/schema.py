@@ -1,12 +1,10 @@
-"""Describe the keys of shmgen.toml: as a JSON schema for editors, and as a table in docs/configuration.md."""
+"""Describe the keys of shmgen.toml as a JSON schema for editors."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
 from typing import Any
 
-from shmgen.config.keys import BOUND_KEY, FREE_SECTIONS, KEYS, LISTS, MAX_NUMBER, SECTIONS, Key, header, keys_of
+from shmgen.config.keys import BOUND_KEY, FREE_SECTIONS, LISTS, MAX_NUMBER, SECTIONS, Key, keys_of
 
 
 def schema() -> dict[str, Any]:
@@ -24,30 +22,6 @@ def schema() -> dict[str, Any]:
         shape = {"type": "array", "items": table} if section in LISTS else table
         properties[section] = {"description": meaning, **shape}
     return {"$schema": "http://json-schema.org/draft-07/schema#", "title": "shmgen.toml", **_object(properties)}
-
-
-def table() -> str:
-    """Return the table of all keys in Markdown."""
-    return "\n".join(("| key | type | default | meaning |", "|---|---|---|---|", *_rows()))
-
-
-def _rows() -> Iterator[str]:
-    for key in KEYS:
-        name = f"`{header(key.section)}` `{key.name}`" if key.section else f"`{key.name}`"
-        default = "required" if key.required else "" if key.default is None else f"`{json.dumps(key.default)}`"
-        yield f"| {name} | {_type(key)} | {default} | {key.meaning} |"
-        if key.section in FREE_SECTIONS and key == keys_of(key.section)[-1]:
-            name = f'`{header(key.section)}` `"package/Message.field"`'
-            yield f"| {name} | 1 to {MAX_NUMBER} | | Replaces the key `default` for one field, message or package. |"
-
-
-def _type(key: Key) -> str:
-    if key.choices:
-        words = ", ".join(f"`{choice}`" for choice in key.choices)
-        return f"list of {words}" if key.kind == "strings" else words
-    if key.kind in ("integer", "number"):
-        return f"{key.least:.10g} to {key.most:.10g}{f' {key.unit}' if key.unit else ''}"
-    return {"strings": "list of strings", "boolean": "`true`, `false`"}.get(key.kind, key.kind)
 
 
 def _object(properties: dict[str, Any]) -> dict[str, Any]:

@@ -300,10 +300,11 @@ def slot_size(payload: int) -> int:
     return _round_up(SLOT_HEADER + payload, SLOT_STEP)
 
 
-def region_size(payload: int, slots: int) -> int:
+def region_size(payload: int, slots: int = slots_for(1)) -> int:
     """Return the size of a region in bytes: its header and two lanes of `slots` slots, rounded up to whole pages.
 
-    Whole pages are necessary because some runtimes round sizes up to pages, and others compare sizes exactly.
+    The default of `slots` is that of depth 1. Whole pages are necessary because some runtimes round sizes up to pages,
+    and others compare sizes exactly.
     """
     return _round_up(HEADER_SIZE + LANES * slots * slot_size(payload), PAGE)
 

@@ -346,20 +346,10 @@ class Topic(NamedTuple):
     span: Span
 
 
-class Service(NamedTuple):
-    """A service. If `on_plc`, the PLC is the server, else the client. A call may take `timeout` seconds."""
+class Call(NamedTuple):
+    """A service or an action, as the kind of its type shows. If `on_plc`, the PLC is the server, else the client.
 
-    name: str
-    type: TypeName
-    on_plc: bool
-    timeout: float
-    span: Span
-
-
-class Action(NamedTuple):
-    """An action. If `on_plc`, the PLC is the server, else the client.
-
-    The bridge waits `timeout` seconds until the server accepts a goal.
+    The bridge waits `timeout` seconds for the response of a service, or until the server of an action accepts a goal.
     """
 
     name: str

@@ -7,6 +7,6 @@ write a parser.
 """
 
 from shmgen.definitions.library import Library, Sources, open_library
-from shmgen.definitions.schema import load, load_from, load_usable
+from shmgen.definitions.schema import load, load_usable
 
-__all__ = ["Library", "Sources", "load", "load_from", "load_usable", "open_library"]
+__all__ = ["Library", "Sources", "load", "load_usable", "open_library"]

@@ -83,13 +83,10 @@ _UNIT = re.compile(r"[ \t]?\[((?![ijkn]\])[A-Za-z°µμΩ%(][^\s\[\],:=_]{0,30}(
 
 def _top(lines: Sequence[str]) -> tuple[str, int]:
     """Return the text of the comment block at the top, and the index of the line after the block."""
-    start = 0
-    while start < len(lines) and not lines[start].strip(" \t"):
-        start += 1
-    end = start
-    while end < len(lines) and lines[end].lstrip(" \t").startswith("#"):
-        end += 1
-    if start > 0 and end < len(lines) and lines[end].strip(" \t"):
+    bare = [line.strip(" \t") for line in lines]
+    start = next((index for index, line in enumerate(bare) if line), len(bare))
+    end = next((index for index in range(start, len(bare)) if not bare[index].startswith("#")), len(bare))
+    if start > 0 and end < len(bare) and bare[end]:
         return "", start
     return _tidy(lines[start:end]), end
 
@@ -97,6 +94,4 @@ def _top(lines: Sequence[str]) -> tuple[str, int]:
 def _tidy(comments: Sequence[str]) -> str:
     """Return the comments without hashes, common indent, and empty lines at either end."""
     stripped = [comment.strip(" \t").lstrip("#").rstrip() for comment in comments]
-    while stripped and not stripped[-1]:
-        stripped.pop()
     return dedent("\n".join(stripped)).strip("\n")

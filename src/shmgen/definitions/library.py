@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from shmgen.core.diagnostics import Report, Span
@@ -32,21 +33,19 @@ class Sources:
     written: Mapping[str, Span] = field(default_factory=dict, compare=False)
 
 
-@dataclass(slots=True)
+@dataclass
 class Library:
     """Finds and reads messages by name. All messages of a package come from the first folder or store that has it.
 
     * Several loads can use the same library. `report` receives the diagnostics of the current load.
     * `folders` has the packages of each folder in `sources.path`.
     * `explicit` has the packages of files that the user gave by path. They precede all other packages.
-    * `fallback` has the packages of the sourced ROS or the store, or is None before their first use.
     """
 
     sources: Sources
     report: Report
     folders: Sequence[Catalogue]
     explicit: dict[str, Package] = field(default_factory=dict)
-    fallback: Catalogue | None = None
     _read: dict[Definition, dict[TypeName, Message]] = field(default_factory=dict)
 
     def reset_report(self, report: Report) -> None:
@@ -63,7 +62,7 @@ class Library:
         if name in self.explicit:
             return self.explicit[name]
         packages = next((packages_by_name[name] for packages_by_name in self.folders if name in packages_by_name), None)
-        packages = packages or self._open_fallback().get(name)
+        packages = packages or self.fallback.get(name)
         if packages is None:
             return None
         if len(packages) > 1:
@@ -122,7 +121,7 @@ class Library:
 
     def known(self) -> list[TypeName]:
         """Return the names of all available messages, sorted."""
-        packages = dict(self._open_fallback())
+        packages = dict(self.fallback)
         for packages_by_name in reversed(self.folders):
             packages |= packages_by_name
         packages |= {name: (package,) for name, package in self.explicit.items()}
@@ -152,17 +151,12 @@ class Library:
             return environment.dialect(os.environ)
         return store.dialect(self.sources.source)
 
-    def _open_fallback(self) -> Catalogue:
-        """Return the packages of the sourced ROS or the store, which are opened at the first call.
-
-        Raises Rejected (SHM506) if no ROS is sourced.
-        """
-        if self.fallback is None:
-            if self.sources.source == "env":
-                self.fallback = environment.catalogue(os.environ, self.report)
-            else:
-                self.fallback = store.catalogue(self.sources.source)
-        return self.fallback
+    @cached_property
+    def fallback(self) -> Catalogue:
+        """The packages of the sourced ROS or the store. Raises Rejected (SHM506) if no ROS is sourced."""
+        if self.sources.source == "env":
+            return environment.catalogue(os.environ, self.report)
+        return store.catalogue(self.sources.source)
 
 
 def _action_part(name: TypeName) -> TypeName:

@@ -11,23 +11,15 @@ from shmgen.core.diagnostics import Diagnostic, Report, Span, closest
 from shmgen.core.model import OTHER_NAMES, Field, Message, Ref, Schema, TypeName, element_of
 from shmgen.definitions import folders, syntax_hints
 from shmgen.definitions.catalogue import SECTIONS, Package
-from shmgen.definitions.library import Library, Sources, open_library
+from shmgen.definitions.library import Library
 from shmgen.definitions.tokens import quote
 
 
-def load(requests: Iterable[str], sources: Sources, report: Report) -> Schema:
-    """Read the requested messages, and all messages that they contain.
+def load(library: Library, requests: Iterable[str], report: Report) -> Schema:
+    """Read the requested messages, and all messages that they contain. The library reads no file a second time.
 
     A request is `geometry_msgs/Pose`, `geometry_msgs/msg/Pose`, `std_srvs/SetBool` (request and response),
     `geometry_msgs` (the whole package) or `path/to/Foo.msg`. Raises Rejected with all diagnostics if there is an error.
-    """
-    return load_from(open_library(sources, report), requests, report)
-
-
-def load_from(library: Library, requests: Iterable[str], report: Report) -> Schema:
-    """Read the requested messages, and all messages that they contain, from an open library.
-
-    `requests` are as in load(). The library reads no file a second time.
     """
     library.reset_report(report)
     requested = _requested(requests, library)

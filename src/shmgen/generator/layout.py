@@ -38,7 +38,6 @@ from shmgen.core.model import (
 from shmgen.core.plural import counted
 from shmgen.core.type_hash import FILLER
 
-SMALLEST_SLOTS = abi.slots_for(1)
 DEEPEST = 50
 """Maximum depth of nested messages. The deepest message of ROS has 7 levels."""
 
@@ -78,20 +77,16 @@ def lay_out(schema: Schema, options: TypeOptions, max_region: int, report: Repor
 
 def check_size(layout: Layout, max_region: int, report: Report) -> None:
     """Report SHM303 if the smallest region of the message has more than `max_region` bytes."""
-    if region_size(layout.size) > max_region:
+    size = abi.region_size(layout.size)
+    if size > max_region:
         largest = max(layout.slots, key=lambda slot: slot.size)
         report.error(
             "SHM303",
-            f"{layout.name.short} needs a region of {region_size(layout.size):,} bytes, more than {max_region:,}",
+            f"{layout.name.short} needs a region of {size:,} bytes, more than {max_region:,}",
             largest.field.span if largest.field else layout.message.span,
             field=f"{layout.name.short}.{largest.name} ({counted(largest.size, 'byte')})",
             hint="lower a bound under [bounds] or [strings], or raise max_region in shmgen.toml",
         )
-
-
-def region_size(payload: int, slots: int = SMALLEST_SLOTS) -> int:
-    """Return the size in bytes of a region for messages of `payload` bytes."""
-    return abi.region_size(payload, slots)
 
 
 def canonical_text(layout: Layout, layouts: Mapping[TypeName, Layout]) -> str:

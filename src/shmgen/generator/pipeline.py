@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ def library(config: Config) -> definitions.Library:
 
 def read(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Schema:
     """Read the definitions of the requested messages and their dependencies. Raises Rejected."""
-    return definitions.load_from(opened or library(config), requests, Report())
+    return definitions.load(opened or library(config), requests, Report())
 
 
 def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Layouts:
@@ -78,14 +78,16 @@ def _is_linked(path: str, text: str, config: Config) -> bool:
     return has_one_for_each_type and path in config.linked and config.linked[path] == lockfile.sha256(text)
 
 
-def skippable(config: Config, requests: Iterable[str]) -> tuple[Schema, Schema]:
-    """Return two schemas of the requested messages: with all of them, and with those that --skip-unbounded keeps.
+def skippable(config: Config, requests: Iterable[str]) -> tuple[Set[TypeName], Set[TypeName]]:
+    """Return the requested messages that --skip-unbounded keeps, and those that it leaves out.
 
-    Raises Rejected if a request matches no message, or a definition is invalid.
+    The types that the configuration uses count as requested. Raises Rejected if a request matches no message, or a
+    definition is invalid.
     """
     opened = library(config)
-    schema = read(config, requests, opened)
-    return schema, _bounded(config, schema, opened)
+    requested = read(config, dict.fromkeys([*requests, *config.types_used]), opened)
+    usable = _bounded(config, requested, opened).requested
+    return usable, requested.requested - usable
 
 
 def _bounded(config: Config, schema: Schema, opened: definitions.Library) -> Schema:

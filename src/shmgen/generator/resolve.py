@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from shmgen.config import Config, document
 from shmgen.config.entries import CallEntry
 from shmgen.core.diagnostics import Report, Span
-from shmgen.core.model import Action, Layouts, Service, Topic, TypeName
+from shmgen.core.model import Call, Layouts, Topic
 from shmgen.definitions.folders import shorten
 from shmgen.targets import Source, interfaces
 
@@ -27,20 +27,20 @@ def topics(config: Config, layouts: Layouts, report: Report) -> Iterable[Topic]:
             )
 
 
-def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Service]:
+def services(config: Config, layouts: Layouts, report: Report) -> Iterable[Call]:
     """Yield the configured services with their types. Reports SHM502 if a type is not a service."""
-    return (Service(*call) for call in _calls(config, config.services, layouts, "a service", "a .srv", report))
+    return _calls(config, config.services, layouts, "a service", "a .srv", report)
 
 
-def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Action]:
+def actions(config: Config, layouts: Layouts, report: Report) -> Iterable[Call]:
     """Yield the configured actions with their types. Reports SHM502 if a type is not an action."""
-    return (Action(*call) for call in _calls(config, config.actions, layouts, "an action", "an .action", report))
+    return _calls(config, config.actions, layouts, "an action", "an .action", report)
 
 
 def _calls(
     config: Config, entries: Iterable[CallEntry], layouts: Layouts, what: str, ending: str, report: Report
-) -> Iterator[tuple[str, TypeName, bool, float, Span]]:
-    """Yield the values of a Service or an Action for each entry whose type is generated. Report all other entries.
+) -> Iterator[Call]:
+    """Yield the service or action of each entry whose type is generated. Report all other entries.
 
     `what` and `ending` are for the error, such as "a service" and "a .srv".
     """
@@ -48,7 +48,7 @@ def _calls(
     by_name = {name.short: name for name in interfaces.complete(layouts) if name.kind == kind}
     for entry in entries:
         if type_ := by_name.get(entry.type.replace(f"/{kind}/", "/")):
-            yield entry.name, type_, entry.server == "plc", entry.timeout, entry.span
+            yield Call(entry.name, type_, entry.server == "plc", entry.timeout, entry.span)
         else:
             span = config.places.get(entry.type, entry.span)
             hint = f"write the name of {ending} file: package/{kind}/Name"

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from shmgen.config import Config
 from shmgen.core.diagnostics import Diagnostic, Rejected
@@ -28,6 +28,9 @@ from shmgen.runtime import (
     region_name,
 )
 from shmgen.runtime.errors import LayoutMismatch, RegionMissing, ShmError
+from shmgen.runtime.region.resource import CallEnd
+
+C = TypeVar("C", bound=CallEnd)
 
 
 class ClassRegistry:
@@ -185,42 +188,26 @@ def publisher(kind: type[Message], topic: str, depth: int) -> Publisher[Message]
     return end(topic, depth=depth)
 
 
-def client(request: type[Message], reply: type[Message]) -> type[ServiceClient[Any, Any]]:
-    """Make a client class for a service whose messages have the classes `request` and `reply`."""
-    ends = {
-        "request_publisher": type("LivePublisher", (Publisher,), {"message_type": request}),
-        "reply_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": reply}),
-    }
-    return type("LiveClient", (ServiceClient,), ends)
+_ENDS = {
+    ServiceClient: ("request_publisher", "reply_subscriber"),
+    ServiceServer: ("request_subscriber", "reply_publisher"),
+    ActionClient: ("command_publisher", "progress_subscriber", "outcome_subscriber"),
+    ActionServer: ("command_subscriber", "progress_publisher", "outcome_publisher"),
+}
+"""The attributes of each class that contain the classes of its publishers and subscribers."""
 
 
-def server(request: type[Message], reply: type[Message]) -> type[ServiceServer[Any]]:
-    """Make a server class for a service whose messages have the classes `request` and `reply`."""
-    ends = {
-        "request_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": request}),
-        "reply_publisher": type("LivePublisher", (Publisher,), {"message_type": reply}),
-    }
-    return type("LiveServer", (ServiceServer,), ends)
+def call_class(base: type[C], kinds: Mapping[str, type[Message]]) -> type[C]:
+    """Make a subclass of `base`, a client or server of the runtime, for one service or action.
 
-
-def action_client(kinds: Mapping[str, type[Message]]) -> type[ActionClient[Any, Any, Any]]:
-    """Make a client class for an action. `kinds` maps the endings of its messages, such as "_Command", to classes."""
-    ends = {
-        "command_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Command"]}),
-        "progress_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Progress"]}),
-        "outcome_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Outcome"]}),
-    }
-    return type("LiveActionClient", (ActionClient,), ends)
-
-
-def action_server(kinds: Mapping[str, type[Message]]) -> type[ActionServer[Any]]:
-    """Make a server class for an action. `kinds` maps the endings of its messages, such as "_Command", to classes."""
-    ends = {
-        "command_subscriber": type("LiveSubscriber", (Subscriber,), {"message_type": kinds["_Command"]}),
-        "progress_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Progress"]}),
-        "outcome_publisher": type("LivePublisher", (Publisher,), {"message_type": kinds["_Outcome"]}),
-    }
-    return type("LiveActionServer", (ActionServer,), ends)
+    `kinds` maps the endings of its messages, such as "_Command", to their classes.
+    """
+    ends: dict[str, type] = {}
+    for name in _ENDS[base]:
+        part, _, role = name.partition("_")
+        parent = Publisher if role == "publisher" else Subscriber
+        ends[name] = type(f"Live{parent.__name__}", (parent,), {"message_type": kinds[f"_{part.capitalize()}"]})
+    return type(f"Live{base.__name__}", (base,), ends)
 
 
 def _without_fields(header: Header) -> type[Message]:

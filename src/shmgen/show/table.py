@@ -7,10 +7,10 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
+from shmgen.core.abi import region_size
 from shmgen.core.model import Layout, Layouts, Message, Ref, Role, Slot, TypeName, ros_type
 from shmgen.core.plural import counted
 from shmgen.core.type_hash import hash_of, hashes
-from shmgen.generator.layout import region_size
 from shmgen.targets.st.names import iec_type
 
 

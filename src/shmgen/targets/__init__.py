@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 from shmgen.core.diagnostics import Report
-from shmgen.core.model import Action, Layouts, Output, Regions, Service, Topic
+from shmgen.core.model import Call, Layouts, Output, Regions, Topic
 
 if TYPE_CHECKING:
     from shmgen.targets.naming import Names
@@ -70,13 +70,13 @@ class Job:
     layouts: Layouts
     package: str = "shm_msgs"
     topics: tuple[Topic, ...] = ()
-    services: tuple[Service, ...] = ()
-    actions: tuple[Action, ...] = ()
+    services: tuple[Call, ...] = ()
+    actions: tuple[Call, ...] = ()
     options: Options = field(default_factory=Options)
     rendered: Mapping[str, tuple[RenderedFile, ...]] = field(default_factory=dict)
 
     @property
-    def uses(self) -> tuple[Topic | Service | Action, ...]:
+    def uses(self) -> tuple[Topic | Call, ...]:
         """All topics, services and actions of shmgen.toml."""
         return (*self.topics, *self.services, *self.actions)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from shmgen.core.diagnostics import Report, Span
-from shmgen.core.model import Action, Layout, Layouts, Role, Service, Topic, TypeName
+from shmgen.core.model import Call, Layout, Layouts, Role, Topic, TypeName
 
 
 class ClaimedName(NamedTuple):
@@ -72,7 +72,7 @@ def file_stem(name: TypeName) -> str:
 def check(
     layouts: Layouts,
     package: str,
-    uses: Iterable[Topic | Service | Action],
+    uses: Iterable[Topic | Call],
     names: Names,
     keys: Sequence[str],
     report: Report,
@@ -178,8 +178,8 @@ def _why(one: _Named, other: _Named, names: Names) -> str:
     return ""
 
 
-def _check_uses(uses: Iterable[Topic | Service | Action], names: Names, way_out: str, report: Report) -> None:
-    seen: dict[str, Topic | Service | Action] = {}
+def _check_uses(uses: Iterable[Topic | Call], names: Names, way_out: str, report: Report) -> None:
+    seen: dict[str, Topic | Call] = {}
     for use in uses if names.use else ():
         assert names.use
         name = names.use(use.name)
@@ -190,5 +190,6 @@ def _check_uses(uses: Iterable[Topic | Service | Action], names: Names, way_out:
             report.error("SHM203", fault, use.span, hint=way_out)
 
 
-def _described(use: Topic | Service | Action) -> str:
-    return f"{type(use).__name__.lower()} {use.name}"
+def _described(use: Topic | Call) -> str:
+    kind = "topic" if isinstance(use, Topic) else "service" if use.type.kind == "srv" else "action"
+    return f"{kind} {use.name}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shmgen.core.model import Action, Output, Service, Topic, assert_never
+from shmgen.core.model import Call, Output, Topic
 from shmgen.targets import Job
 from shmgen.targets.st import common, names
 from shmgen.targets.st.objects import Attribute, GlobalList, Gvl, Head, Variable, Variables
@@ -67,17 +67,12 @@ def uses(job: Job) -> list[Use]:
     return sorted(map(_use, job.uses), key=lambda use: use.order)
 
 
-def _use(use: Topic | Service | Action) -> Use:
-    match use:
-        case Topic():
-            is_input, role = use.to_plc, "Subscriber" if use.to_plc else "Publisher"
-            inputs: tuple[str, ...] = (f"sTopic := '{use.name}',", f"udiDepth := {use.depth});")
-        case Service():
-            is_input, role = use.on_plc, "Server" if use.on_plc else "Client"
-            inputs = (f"sService := '{use.name}');",)
-        case Action():
-            is_input, role = use.on_plc, "ActionServer" if use.on_plc else "ActionClient"
-            inputs = (f"sAction := '{use.name}');",)
-        case _:
-            assert_never(use)
+def _use(use: Topic | Call) -> Use:
+    if isinstance(use, Topic):
+        is_input, role = use.to_plc, "Subscriber" if use.to_plc else "Publisher"
+        inputs: tuple[str, ...] = (f"sTopic := '{use.name}',", f"udiDepth := {use.depth});")
+    else:
+        is_action = use.type.kind == "action"
+        is_input, role = use.on_plc, f"{'Action' if is_action else ''}{'Server' if use.on_plc else 'Client'}"
+        inputs = (f"{'sAction' if is_action else 'sService'} := '{use.name}');",)
     return Use(not is_input, use.name, names.block_name(use.type, role), f"{use.name}, {use.type}", inputs)

@@ -16,8 +16,7 @@ from shmgen.runtime import region_name
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import region_file
 from shmgen.tools.doctor import checks, permissions
-from shmgen.tools.doctor.environment import of_detached, of_machine
-from shmgen.tools.doctor.logout import of_logout
+from shmgen.tools.doctor.environment import of_detached, of_logout, of_machine
 from shmgen.tools.doctor.problem import Problem, owner
 from shmgen.tools.doctor.snapshot import Evidence, Expected, gather
 

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from shmgen.core.diagnostics import Rejected
-from shmgen.live.classes import ClassRegistry, client
+from shmgen.live.classes import ClassRegistry, call_class
 from shmgen.runtime import Message, ServiceClient
 from shmgen.tools.messages import parse
 
@@ -32,4 +32,4 @@ def build(
         if f"{parts[1]}/msg/{parts[2]}" in map(str, registry.session.library.known()):
             raise ValueError(f"{type_name} is a message, not a service; `shmgen pub` publishes it") from None
         raise
-    return parse.build(request, data), client(request, reply)
+    return parse.build(request, data), call_class(ServiceClient, {"_Request": request, "_Reply": reply})
