@@ -41,9 +41,9 @@ def test_names_follow_the_rules_of_ros_2(words: str, names: dict[str, str]) -> N
         ("--ros-args -r a", "'a' is not a remapping: write from:=to"),
         (
             "--ros-args -p speed:=5",
-            "parameter 'speed:=5' is not known; without ROS there are use_sim_time, rate, stale",
+            "unknown parameter 'speed:=5'; without ROS, use use_sim_time, rate, stale",
         ),
-        ("--ros-args -p use_sim_time:=yes", "parameter use_sim_time is true or false, not 'yes'"),
+        ("--ros-args -p use_sim_time:=yes", "parameter use_sim_time must be true or false, not 'yes'"),
         ("--ros-args --params-file nowhere", "--params-file nowhere: No such file"),
         ("__name:=x", "ROS's own follow --ros-args"),
     ],
@@ -153,5 +153,5 @@ def test_rate_and_stale_apply_to_topics_without_these_keys(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("rule", ["rate:=fast", "rate:=-5", "rate:=20000", "stale:=0", "stale:=nan"])
 def test_rate_or_stale_out_of_range_is_refused(rule: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=f"parameter {rule.partition(':')[0]} is a number from "):
+    with pytest.raises(ValueError, match=f"parameter {rule.partition(':')[0]} must be from "):
         with_parameters(Config(tmp_path, topics=(entry(),)), parse(("--ros-args", "-p", rule), "bridge").parameters)

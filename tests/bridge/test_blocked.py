@@ -144,7 +144,7 @@ def test_blocked_publish_stops_no_other_topic(start_blocked: Callable[..., Block
     run.bridge.wait_for_line("^running")
     run.block()
     run.publish("blocked")
-    run.bridge.wait_for_line("/blocked: a call of ROS has blocked for 0.5 s")
+    run.bridge.wait_for_line("/blocked: a ROS call has blocked this topic for 0.5 s")
     before = run.heartbeat()
     run.publish("out")
     run.bridge.wait_for_line(f"sent {run.topics['out']}")

@@ -205,7 +205,7 @@ def test_reload_affects_only_changed_topics(rig: BridgeRig, graph: backend.Graph
     (rig.domain.folder / "shmgen.toml").write_text("# a comment moves all lines\n" + rig.config() + new)
     with rig.onlooker("ac") as onlooker:
         rig.bridge.process.send_signal(signal.SIGHUP)
-        rig.bridge.wait_for_line("shmgen.toml was read again: topics: 7, services: 0")
+        rig.bridge.wait_for_line("shmgen.toml was reloaded: topics: 7, services: 0")
         outlet = rig.outlets["new"] = graph.publisher(wire(schema, f"{rig.topic}/new", "geometry_msgs/Pose"))
         until(lambda: rig.passes("new"))
         until(lambda: rig.passes("c"))

@@ -137,15 +137,15 @@ def test_environment_decides_the_visible_peers(tmp_path: Path, case: str) -> Non
         assert {name for name, seen in result["seen by"].items() if "ours_services" in seen} == services
     if expected == {"inside"}:
         assert result["dropped"] > 0  # packets that the other machine sent
-        assert "dds: only this machine is reachable" in result["notes"]
+        assert "dds: the bridge reaches only this machine" in result["notes"]
 
 
 def test_ignored_discovery_variables_are_noted() -> None:
     assert network({}, LARGEST).notes == ()
     deprecated, only = network({ONLY: "1", PEERS: "x"}, LARGEST).notes
-    assert (deprecated.startswith("ROS_LOCALHOST_ONLY is 1: "), only) == (True, "only this machine is reachable")
+    assert (deprecated.startswith("ROS_LOCALHOST_ONLY is 1: "), only) == (True, "the bridge reaches only this machine")
     wrong, only = network({RANGE: "subnet"}, LARGEST).notes
-    assert "'subnet', none of OFF, LOCALHOST, SUBNET, SYSTEM_DEFAULT" in wrong
+    assert "'subnet', not one of OFF, LOCALHOST, SUBNET, SYSTEM_DEFAULT" in wrong
     assert network({RANGE: "SYSTEM_DEFAULT", PEERS: "x"}, LARGEST).notes[0].startswith("ROS_STATIC_PEERS is ignored")
     assert "<Peer address='&lt;\"'/>" in network({PEERS: '<"'}, LARGEST).config
 
@@ -192,7 +192,7 @@ def test_far_too_large_message_is_not_received(cell: Domain, domain: int, topic:
     command = [cell.python, "-c", FLOOD, str(domain), f"rt{topic}"]
     flood = cell.start(command, {"CYCLONEDDS_URI": LOOPBACK})
     assert flood.wait(60) == 0
-    bridge.wait_for_line("rejected: 50,331,656 bytes, and more than 65,536 are not received")
+    bridge.wait_for_line("rejected: the message has 50,331,656 bytes; the bridge receives at most 65,536")
     bridge.process.send_signal(signal.SIGUSR1)
     bridge.wait_for_line(f"{topic} +1 passed, 4 rejected")
     assert not [line for line in bridge.lines if line[0].isdigit()], "peers begin no line"

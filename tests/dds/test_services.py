@@ -211,14 +211,14 @@ def test_client_of_another_definition_does_not_reach_the_plc(
     client.writer.write(REQUEST(1, 1, 1, ""))
     until(lambda: len(refused) >= 2)
     (line,) = service_lines(logged)
-    assert line.startswith(f"{wire.name}: a peer has another cell_msgs/Ask_Request: its type hash is RIHS01_1111")
+    assert line.startswith(f"{wire.name}: a peer defines cell_msgs/Ask_Request differently: its type hash is RIHS01_1")
 
 
 def test_server_of_another_definition_is_not_called(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     caller = graph.client(wire)
     server = PeerSide(domain, wire.name, "serviceid", user_data=ANOTHER)
     until(server.matched)
-    with pytest.raises(NoAnswer, match="a peer has another cell_msgs/Ask_Request"):
+    with pytest.raises(NoAnswer, match="a peer defines cell_msgs/Ask_Request"):
         caller.call(caller.new(), 1.0)
     assert not server.reader.take(1)
 
@@ -238,10 +238,10 @@ def test_client_of_another_middleware_does_not_reach_the_plc(
     until(lambda: len(refused) >= 2)
     (line,) = [line for line in service_lines(logged) if "rmw_cyclonedds" in line]
     before, _, hint = line.partition("no messages pass between it and the bridge; ")
-    assert before == f"{wire.name}: a peer is not on rmw_cyclonedds: "
+    assert before == f"{wire.name}: a peer does not use rmw_cyclonedds: "
     if "RMW_IMPLEMENTATION" not in os.environ:
-        assert re.match(r"install shmgen-fastdds (where .*|again \(libfastrtps.so.2.9: .*)\), or start it with", hint)
-    assert hint.endswith("start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2")
+        assert re.match(r"install shmgen-fastdds (where .*|again \(libfastrtps.so.2.9: .*)\), or start the peer", hint)
+    assert hint.endswith("the peer with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2")
 
 
 @pytest.mark.parametrize("way", ["fast"], indirect=True)
@@ -262,7 +262,7 @@ def test_server_of_another_middleware_is_not_called(graph: backend.Graph, domain
     caller = graph.client(wire)
     server = PeerSide(domain, wire.name, "serviceid", known=False)
     until(server.matched)
-    with pytest.raises(NoAnswer, match="a peer is not on rmw_cyclonedds"):
+    with pytest.raises(NoAnswer, match="a peer does not use rmw_cyclonedds"):
         caller.call(caller.new(), 1.0)
     assert not server.reader.take(1)
 

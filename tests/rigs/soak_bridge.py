@@ -453,7 +453,7 @@ def judge(stage: Stage, verdict: Verdict) -> None:
             verdict.complaints.append(f"{name}: {sent} sent, and {counts}")
     if stage.strangers:
         patterns = [
-            rf"{stage.topic('q0')}( .* 0 passed, [1-9]\d* refused|: a peer does not match the type)",
+            rf"{stage.topic('q0')}( .* 0 passed, [1-9]\d* refused|: a peer's type is incompatible)",
             rf"{stage.topic('large')} .*[1-9]\d* passed",
         ]
         if stage.strangers != "zenoh":  # zenoh delivers best effort to reliable subscribers

@@ -312,7 +312,7 @@ def test_another_definition_in_ros_ends_the_bridge(graph: Graph, space: str) -> 
     file.write_text("float32 data\n")
     bridge = graph.bridge('path = ["msgs"]\n' + topic(f"{space}/x", "std_msgs/Int32"), ready=False)
     assert bridge.process.wait(30) == 1
-    bridge.wait_for_line("std_msgs/msg/Int32 of this ROS has int32 data, and not float data")
+    bridge.wait_for_line("std_msgs/msg/Int32 of this ROS has the fields int32 data; shmgen expects float data")
 
 
 @rclpy_only

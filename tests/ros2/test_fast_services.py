@@ -173,7 +173,7 @@ def test_service_of_another_definition_receives_no_call(graph: Graph, space: str
             plc.call(SimpleNamespace(data=1), 20)
     bridge.stop(signal.SIGTERM)
     for name in ("flag", "of/flag"):
-        bridge.wait_for_line(f"{space}/{name}: a peer has another std_srvs/SetBool_Request: .*no messages pass")
+        bridge.wait_for_line(f"{space}/{name}: a peer defines std_srvs/SetBool_Request.*no messages pass")
     bridge.wait_for_line(rf"{space}/flag +0 passed, \d+ refused$")
     bridge.wait_for_line(f"{space}/of/flag +0 passed, 1 failed$")
 
@@ -200,7 +200,7 @@ def test_missing_shmgen_fastdds_is_reported(graph: Graph, space: str) -> None:
             assert "failed" in call(plc)
     for name in ("flag", "of/flag"):
         bridge.wait_for_line(
-            f"^{space}/{name}: a peer is not on rmw_cyclonedds.*install shmgen-fastdds .*--backend ros2"
+            f"^{space}/{name}: a peer does not use rmw_cyclonedds.*install shmgen-fastdds .*--backend ros2"
         )
     bridge.stop(signal.SIGTERM)
     assert len([line for line in bridge.lines if "--backend ros2" in line]) == 2

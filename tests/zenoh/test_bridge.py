@@ -196,10 +196,8 @@ def test_messages_of_another_definition_are_refused_and_counted(cell: Graph, spa
         assert node.ask(do="connected", topic=f"{space}/in")
         node.ask(do="publish", topic=f"{space}/in", messages=[row(1)] * 5)
     bridge.counted("5 passed, 5 refused")
-    bridge.wait_for_line(f"{space}/in: a peer has another cell_msgs/Row: its type hash is RIHS01_")
-    bridge.wait_for_line(
-        f"{space}/out: a peer has another cell_msgs/Row: .*; no messages pass between it and the bridge"
-    )
+    bridge.wait_for_line(f"{space}/in: a peer defines cell_msgs/Row differently: its type hash is RIHS01_")
+    bridge.wait_for_line(f"{space}/out: a peer defines cell_msgs/Row .*; no messages pass between it and the bridge")
     bridge.stop(signal.SIGTERM)
     bridge = cell.bridge(both_ways(space, 'other_definition = "accept"'))
     assert other.ask(do="connected", topic=f"{space}/in")
@@ -227,11 +225,11 @@ def test_services_pass_both_ways(graph: Graph, space: str) -> None:
             answer = peer.ask(do="call", service=f"{space}/flag", request={"data": data}, **SETBOOL)
             assert answer == {"success": data, "message": "of the PLC"}
         assert other.ask(do="call", service=f"{space}/flag", request={"data": 1}, timeout=1, **wrong_type) is None
-        bridge.wait_for_line(f"{space}/flag: a peer has another std_srvs/SetBool")
+        bridge.wait_for_line(f"{space}/flag: a peer defines std_srvs/SetBool")
         bridge.counted("1 refused")
         other.ask(do="serve", service=f"{ros}/flag", answers=[], **wrong_type)
         wait_for(lambda: "no response" in call(plc) or "failed" in call(plc), "a failure")
-        bridge.wait_for_line(f"{ros}/flag: a peer has another std_srvs/SetBool")
+        bridge.wait_for_line(f"{ros}/flag: a peer defines std_srvs/SetBool")
         peer.ask(do="serve", service=f"{ros}/flag", answers=[{"success": True, "message": "of ROS"}] * 2, **SETBOOL)
         wait_for(lambda: call(plc) == "of ROS", "an answer")
         killed_peer = graph.peer()
@@ -310,7 +308,7 @@ def test_messages_flow_again_after_router_bridge_and_peer_restart(graph: Graph, 
     """Start the bridge also before the router runs."""
     int32 = {"type": "std_msgs/msg/Int32", "msg_definition": "int32 data"}
     bridge = graph.bridge(topic(f"{space}/x", "std_msgs/Int32"))
-    bridge.wait_for_line("zenoh: no router at .* yet; start one: `ros2 run rmw_zenoh_cpp rmw_zenohd`")
+    bridge.wait_for_line("zenoh: no router runs at .*; start one: `ros2 run rmw_zenoh_cpp rmw_zenohd`")
     kind = session(graph).classes(["std_msgs/Int32"])["std_msgs/msg/Int32"]
     numbers = iter(range(100_000))
 
@@ -367,7 +365,7 @@ def test_subscriber_token_equals_that_of_the_sdk(cell: Graph, space: str) -> Non
     [
         ("ZENOH_SESSION_CONFIG_URI", "/nowhere.json5", "ZENOH_SESSION_CONFIG_URI is '/nowhere.json5'"),
         ("ZENOH_CONFIG_OVERRIDE", "mode=1", "ZENOH_CONFIG_OVERRIDE has 'mode=1'"),
-        ("ROS_DOMAIN_ID", "x", "a domain is a number from 0 to 232, not 'x' as ROS_DOMAIN_ID says"),
+        ("ROS_DOMAIN_ID", "x", "the domain in ROS_DOMAIN_ID must be a number from 0 to 232, not 'x'"),
     ],
 )
 def test_invalid_environment_variable_ends_the_bridge(

@@ -60,10 +60,10 @@ class Player:
         chosen = {channel.topic: channel for channel in channels if _is_chosen(topic_in(channel), topics)}
         if topics is not None and (missing := _not_in(topics, channels)):
             there = ", ".join(sorted({topic_in(channel) for channel in channels})) or "none"
-            raise ValueError(f"{path}: no topic {', '.join(missing)}; the bag has {there}")
+            raise ValueError(f"{path}: the bag has no topic {', '.join(missing)}; its topics: {there}")
         if not chosen:
-            halves = " except those of services and actions; name them with --topics" if channels else ""
-            raise ValueError(f"{path}: there is nothing to play: it has no topics{halves}")
+            halves = " except those of services and actions; give them with --topics" if channels else ""
+            raise ValueError(f"{path}: the bag has no topics{halves}")
         kinds = {topic: _checked(channel, registry, path) for topic, channel in chosen.items()}
         self._outlets: dict[str, _Outlet] = {}
         try:
@@ -88,7 +88,9 @@ class Player:
         """
         length = (self.last - self.first) / 1e9
         if start > length or not self.total:
-            raise ValueError(f"{self._path}: {self.total} messages in {length:.3f} s: there is nothing to play")
+            raise ValueError(
+                f"{self._path}: the bag has {self.total} messages in {length:.3f} s, none after {start:g} s"
+            )
         begun = time.monotonic()
         for message in messages(self._path):
             if not isinstance(message, Message):
@@ -110,7 +112,7 @@ class Player:
             outlet.writer.publish(outlet.kind.codec.decode(message.data))
         except (ValueError, struct.error) as error:  # ValueRejected is a ValueError; other errors of the runtime pass
             if not outlet.has_refused:
-                self._tell(f"{outlet.topic}: a message that fits no sample: {error}")
+                self._tell(f"{outlet.topic}: skipped a message, because a value does not fit: {error}")
             outlet.has_refused = True
             self.refused += 1
         else:
@@ -148,7 +150,7 @@ def _looked_through(path: Path) -> tuple[list[Channel], int, int, int]:
             first, last = min(first or when, when), max(last, when)
             total += 1
         elif _identity(former := seen.setdefault(one.topic, one)) != _identity(one):
-            raise Unreadable(f"{path}: {one.topic} is {former.type} at first and {one.type} later, or another layout")
+            raise Unreadable(f"{path}: {one.topic} changes its type or layout, from {former.type} to {one.type}")
     return list(seen.values()), first, last, total
 
 

@@ -95,7 +95,7 @@ def _of_file(path: Path) -> Iterator[Channel | Message]:
         except _Short:
             return
         except (EndOfFile, UnicodeDecodeError):
-            raise Unreadable(f"{path}: damaged: a record ends before what it holds") from None
+            raise Unreadable(f"{path}: damaged: a record ends before its last field") from None
 
 
 class _Content(ReadDataStream):
@@ -114,7 +114,7 @@ class _Content(ReadDataStream):
 def _channel(channel: records.Channel, schema: records.Schema | None, path: Path) -> Channel:
     if channel.message_encoding != "cdr":
         encoding = channel.message_encoding
-        raise Unreadable(f"{path}: {channel.topic} is encoded as {encoding}; messages of ROS 2 are as cdr")
+        raise Unreadable(f"{path}: the messages of {channel.topic} are encoded as {encoding}; shmgen reads only cdr")
     name, text = (schema.name, schema.data.decode(errors="replace")) if schema else ("", "")
     return Channel(channel.topic, name, text, channel.metadata)
 
@@ -147,10 +147,10 @@ def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
 def _unpacked(chunk: records.Chunk, path: Path) -> bytes:
     size, check = chunk.uncompressed_size, chunk.uncompressed_crc
     if chunk.compression and size > _LARGEST_CHUNK:
-        raise Unreadable(f"{path}: a chunk of {counted(size, 'byte')}; more than {_LARGEST_CHUNK:,} are not unpacked")
+        raise Unreadable(f"{path}: an unpacked chunk has {counted(size, 'byte')}; the limit is {_LARGEST_CHUNK:,}")
     inner = _decompress(chunk.compression, chunk.data, size, path)
     if len(inner) != size or (check and zlib.crc32(inner) != check):
-        raise Unreadable(f"{path}: damaged: a chunk of {counted(size, 'byte')} is not what it was")
+        raise Unreadable(f"{path}: damaged: a chunk of {counted(size, 'byte')} has another length or checksum")
     return inner
 
 
@@ -170,7 +170,7 @@ def _decompress(compression: str, packed: bytes, size: int, path: Path) -> bytes
             else:
                 from backports.zstd import ZstdDecompressor as Decompressor
         case _:
-            raise Unreadable(f"{path}: its chunks are packed as {compression!r}, which is not known here")
+            raise Unreadable(f"{path}: its chunks are packed as {compression!r}; shmgen reads only lz4 and zstd")
     try:
         inner: bytes = Decompressor().decompress(packed, max_length=size + 1)
     except Exception as error:  # each decompressor has its own exceptions

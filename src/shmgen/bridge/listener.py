@@ -60,7 +60,7 @@ class Listener:
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
         topic.counters.log_rate_limited(
-            f"a call of ROS has blocked for {_BLOCK_LIMIT:g} s; the other topics continue without it"
+            f"a ROS call has blocked this topic for {_BLOCK_LIMIT:g} s; the other topics continue"
         )
 
     def remove(self, topic: PlcTopic) -> None:

@@ -245,10 +245,10 @@ def _reload(before: Config, load: Callable[[], Config], node: Node, sides: Sides
     require_entries(config)
     session = Session(config)
     if _largest(session) > node.largest:
-        raise ValueError("its messages are larger than those the bridge was started with; start the bridge again")
+        raise ValueError("its messages exceed the size limit from the start of the bridge; restart the bridge")
     sides.change(session, backend)
-    again = "; [bridge] takes effect when the bridge is started again" if config.bridge != before.bridge else ""
-    return "\n".join([f"shmgen.toml was read again: {_counts_text(config)}{again}", *summary(sides)])
+    again = "; restart the bridge to apply the changes under [bridge]" if config.bridge != before.bridge else ""
+    return "\n".join([f"shmgen.toml was reloaded: {_counts_text(config)}{again}", *summary(sides)])
 
 
 def _load_settled(load: Callable[[], Config], stop: Flag) -> Config:

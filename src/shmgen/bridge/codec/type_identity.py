@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from shmgen.core.model import TypeName
 
-TAKES_OURS = "it will misread the bridge's messages; DDS cannot withhold them"
+TAKES_OURS = "it will misread the bridge's messages, because DDS cannot exclude one subscriber"
 """The log text for a subscriber whose definition of the type differs from the bridge's."""
 _NONE = "RIHS01_" + "0" * 64
 """The type hash that some peers without support for type hashes announce."""
@@ -32,7 +32,7 @@ class Identity:
     ours: str
     log: Callable[[str], None]
     accepts_other: bool = False
-    then: str = "no messages pass between it and the bridge"
+    then: str = "no messages pass between it and the bridge until both use one definition"
     _logged_keys: set[str] = field(default_factory=set, init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
 
@@ -43,9 +43,9 @@ class Identity:
         if not announced.startswith("RIHS01_") or announced == _NONE:
             self._once("", f"a peer announces no type hash; its {self.type.short} is assumed to be the same")
             return ""
-        why = f"a peer has another {self.type.short}: its type hash is {announced}, ours {self.ours}"
+        why = f"a peer defines {self.type.short} differently: its type hash is {announced}, the bridge's {self.ours}"
         if self.accepts_other:
-            self._once(announced, f'{why}; it is assumed to be the same, because of other_definition = "accept"')
+            self._once(announced, f'{why}; the bridge accepts it, because of other_definition = "accept"')
             return ""
         self._once(announced, f"{why}; {self.then}")
         return why

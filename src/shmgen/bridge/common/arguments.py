@@ -72,7 +72,7 @@ def parse(words: tuple[str, ...], node: str, is_strict: bool = True) -> Argument
         if word in ("--ros-args", "--"):
             is_ros = word == "--ros-args"
         elif not is_ros:
-            unknown.append(f"{word!r} is not an argument of the bridge; ROS's own follow --ros-args")
+            unknown.append(f"{word!r} is not an argument of the bridge; write ROS arguments after --ros-args")
         elif word in ("-r", "--remap"):
             _remap(arguments, _value(word, left))
         elif word in ("-p", "--param"):
@@ -85,7 +85,7 @@ def parse(words: tuple[str, ...], node: str, is_strict: bool = True) -> Argument
         elif _FLAG.fullmatch(word):
             arguments.ignored.append(word)
         else:
-            unknown.append(f"{word!r} is not known; without ROS there are -r, -p, --params-file and --log-level")
+            unknown.append(f"unknown ROS argument {word!r}; without ROS, use -r, -p, --params-file and --log-level")
     for rule, parameters in rules:
         unknown += _set(arguments, rule, parameters)
     if unknown and is_strict:
@@ -101,11 +101,11 @@ def _set(arguments: Arguments, rule: str, parameters: list[_Parameter]) -> list[
     faults = []
     for _, name, value in (one for one in parameters if arguments.is_for_node(one.node)):
         if name == "use_sim_time" and value.lower() not in ("true", "false"):
-            faults.append(f"parameter use_sim_time is true or false, not {value!r}")
+            faults.append(f"parameter use_sim_time must be true or false, not {value!r}")
         elif name in PARAMETERS:
             arguments.parameters[name] = value
         elif rule:
-            faults.append(f"parameter {rule!r} is not known; without ROS there are {', '.join(PARAMETERS)}")
+            faults.append(f"unknown parameter {rule!r}; without ROS, use {', '.join(PARAMETERS)}")
         else:
             arguments.ignored.append(f"parameter {name}")
     return faults
@@ -157,7 +157,7 @@ def _read(path: str) -> Iterator[_Parameter]:
         raise ValueError(f"--params-file {path}{place}: {getattr(error, 'problem', None) or error}") from None
     for keys, value in _leaves(tree or {}):
         if "ros__parameters" not in keys:
-            raise ValueError(f"--params-file {path}: {'/'.join(keys) or value} is not in ros__parameters of a node")
+            raise ValueError(f"--params-file {path}: move {'/'.join(keys) or value} below `ros__parameters:` of a node")
         start = keys.index("ros__parameters")
         yield _Parameter("/".join(keys[:start]), ".".join(keys[start + 1 :]), str(value))
 
@@ -181,7 +181,7 @@ def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
         if key.name in PARAMETERS and (text := parameters.get(key.name)):
             number = float(text) if re.fullmatch(r"\d+\.?\d*", text) else -1.0
             if not key.least <= number <= key.most:
-                raise ValueError(f"parameter {key.name} is a number from {key.least:g} to {key.most:g}, not {text!r}")
+                raise ValueError(f"parameter {key.name} must be from {key.least:g} to {key.most:g}, not {text!r}")
             options: dict[str, Any] = {key.name: number}
             for index, topic in enumerate(topics):
                 if getattr(topic.carried, key.name) is None:

@@ -33,7 +33,7 @@ def domain_without_ros(node: Node, backend: str) -> int:
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() if node.domain is None else str(node.domain)
     if (not text.isdecimal() and text) or int(text or 0) > MAX_DOMAIN:
         where = "ROS_DOMAIN_ID" if node.domain is None else "shmgen.toml"
-        raise ValueError(f"{backend}: a domain is a number from 0 to {MAX_DOMAIN}, not {text!r} as {where} says")
+        raise ValueError(f"{backend}: the domain in {where} must be a number from 0 to {MAX_DOMAIN}, not {text!r}")
     return int(text or 0)
 
 
@@ -48,7 +48,7 @@ def from_bytes(
 
     def take(data: bytes) -> None:
         if len(data) > wire.largest:
-            sink.reject(f"{len(data):,} bytes, and more than {wire.largest:,} do not fit its region")
+            sink.reject(f"the message has {len(data):,} bytes; its region holds at most {wire.largest:,}")
             return
         try:
             message = (wire.direct and wire.direct.decode(data, is_ros1)) or decode(data)

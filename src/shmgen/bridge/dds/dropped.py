@@ -74,8 +74,8 @@ class Dropped:
         if not line:
             self._is_read.set()
         elif (match := _LARGE.search(line)) and (calls := self.calls.get(match[3])):
-            calls[0](f"{int(match[1]):,} bytes, and more than {int(match[2]):,} are not received")
+            calls[0](f"the message has {int(match[1]):,} bytes; the bridge receives at most {int(match[2]):,}")
         elif (match := _OTHER.search(line)) and (calls := self.calls.get(match[1])):
-            calls[1](f"its bytes are no message of our type ({match[2]})")
+            calls[1](f"its bytes do not have the bridge's type ({match[2]})")
         else:
             self._log(f"dds: Cyclone: {_BEFORE.sub('', line)}")

@@ -137,9 +137,7 @@ class Ends:
                 self._incompatible.add((name, verb != "offers"))  # peers_qos() finds the peer
                 return
             policy = _POLICIES.get(status.last_policy_id, f"policy {status.last_policy_id}")
-            self.log(
-                f"{name}: a peer does not match the {policy} that the bridge {verb}; no messages pass between the two"
-            )
+            self.log(f"{name}: a peer's {policy} is incompatible with the bridge's; no messages pass between the two")
 
         def report_match(entity: Any, status: Any) -> None:
             if matched and entity and not self.closing:  # None: still being created; the first sample checks the peer

@@ -57,7 +57,7 @@ def network(environment: Mapping[str, str], largest: int) -> Network:
         reach, peers = "LOCALHOST", []
     elif discovery_range and discovery_range not in _RANGES:
         notes.append(
-            f"ROS_AUTOMATIC_DISCOVERY_RANGE is {discovery_range!r}, none of {', '.join(_RANGES)}: LOCALHOST is used"
+            f"ROS_AUTOMATIC_DISCOVERY_RANGE is {discovery_range!r}, not one of {', '.join(_RANGES)}: using LOCALHOST"
         )
         reach = "LOCALHOST"
     if reach in ("OFF", "SYSTEM_DEFAULT") and peers:
@@ -68,9 +68,9 @@ def network(environment: Mapping[str, str], largest: int) -> Network:
     ours = f'<CycloneDDS><Domain Id="any">{sizes}{_discovery(reach, peers)}</Domain></CycloneDDS>'
     if alone:
         notes.append(
-            "only this machine is reachable"
+            "the bridge reaches only this machine"
             if reach == "LOCALHOST"
-            else "no other process is discovered, and none discovers the bridge"
+            else "discovery is off: the bridge and other processes do not find each other"
         )
     return Network(
         ",".join(filter(None, (ours, environment.get("CYCLONEDDS_URI")))), alone, tuple(notes), reach, tuple(peers)

@@ -30,9 +30,7 @@ def chosen(ends: Ends, node: Node, domain: int, network: Network, environment: M
     if environment.get("RMW_IMPLEMENTATION") == "rmw_cyclonedds_cpp" or network.reach == "OFF":
         return Cyclone(ends, "")
     if environment.get("CYCLONEDDS_URI") and not any(map(environment.get, _BOUNDS)):
-        return Cyclone(
-            ends, f"CYCLONEDDS_URI says nothing to Fast DDS, which reaches it: set {_BOUNDS[0]} or {_BOUNDS[-1]}"
-        )
+        return Cyclone(ends, f"set {_BOUNDS[0]} or {_BOUNDS[-1]}, because Fast DDS ignores CYCLONEDDS_URI")
     try:
         from shmgen_fastdds import Fast
     except ImportError:

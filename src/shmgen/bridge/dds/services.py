@@ -43,9 +43,9 @@ _REPLY_READER_AT_ONCE = 20.0
 _READER_POLL_INTERVAL = 0.01
 """Seconds between two checks for the client's reader."""
 
-_INCOMPATIBLE = "a peer is not on rmw_cyclonedds: no messages pass between it and the bridge"
-_HINT = "start it with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
-_BOTH = "there are servers on rmw_cyclonedds and on rmw_fastrtps, and each would misread the other's requests"
+_INCOMPATIBLE = "a peer does not use rmw_cyclonedds: no messages pass between it and the bridge"
+_HINT = "start the peer with RMW_IMPLEMENTATION=rmw_cyclonedds_cpp, or the bridge with --backend ros2"
+_BOTH = "two servers use rmw_cyclonedds and rmw_fastrtps, and one would misread the request: stop one of the servers"
 
 
 class _Half:
@@ -234,7 +234,7 @@ def _direction(topic: str, messages: tuple[Message, ...], words: str) -> Directi
 def _split(cdr: bytes) -> tuple[bytes, bytes]:
     """Split `cdr`, a request or reply, into the call's identity and the message. Raises ValueError if big-endian."""
     if cdr[1] != 1:
-        raise ValueError("a call from a big-endian machine")
+        raise ValueError("the call is from a big-endian machine, which the bridge cannot read")
     start = _ENCAPSULATION + _CALL.size
     return cdr[_ENCAPSULATION:start], cdr[:_ENCAPSULATION] + cdr[start:]
 

@@ -76,7 +76,7 @@ def _refuse_wide(messages: tuple[Message, ...]) -> None:
         for field in message.fields:
             if isinstance(type_ := element_of(field.type), String) and type_.wide:
                 where, what = f"{message.name.short}.{field.name}", ros_type(field.type)
-                raise ValueError(f"{where}: no {what} through DDS: Cyclone's Python does not know it; use string")
+                raise ValueError(f"{where} is a {what}, which Cyclone's Python binding does not support; use string")
 
 
 def sample(kind: type[Any], cdr: bytes) -> Any:

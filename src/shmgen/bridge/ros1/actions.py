@@ -237,7 +237,7 @@ class _Client:
             if time.monotonic() - sent.seen_at >= _SERVER_TIMEOUT:
                 with self._lock:
                     if self._sent.pop(key, None):
-                        why = f"the server has not shown the goal for {_SERVER_TIMEOUT:g} s"
+                        why = f"the server has not listed the goal in its status for {_SERVER_TIMEOUT:g} s"
                         sent.observer.end(ABORTED, None, why)
 
     def _cancel(self, key: str) -> threading.Thread:

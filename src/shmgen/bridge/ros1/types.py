@@ -105,7 +105,7 @@ def _known(context: Any, message: Message, text: str) -> Any:
 
 
 def _unreadable(message: Message, error: Exception) -> ValueError:
-    hint = 'ROS 1 knows no bounds, defaults or wstring in a definition: write it without, and set source = "noetic"'
+    hint = 'remove bounds, defaults and wstring, which ROS 1 does not have, and set source = "noetic" in shmgen.toml'
     return ValueError(
         f"{message.name.short}: ROS 1 cannot read {message.origin}: {error or type(error).__name__}\n  hint: {hint}"
     )

@@ -62,7 +62,7 @@ def _compare(kind: Any, definition: Message) -> None:
         pairs = [f"{type_} {name}" for name, type_ in theirs.items()]
         expected = [f"{type_} {name}" for name, type_ in ours.items()]
         raise ValueError(
-            f"{definition.name} of this ROS has {', '.join(pairs) or 'no fields'}, and not {', '.join(expected)}\n"
+            f"{definition.name} of this ROS has the fields {', '.join(pairs)}; shmgen expects {', '.join(expected)}\n"
             '  hint: set source = "..." in shmgen.toml to the ROS that runs here, generate, rebuild both sides'
         )
 

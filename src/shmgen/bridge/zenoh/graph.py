@@ -41,7 +41,7 @@ _LABEL = b"\x0fsequence_number"
 """Label before the number in attachments of rmw_zenoh_cpp 0.2.0 to 0.2.3, which label each part."""
 _HASH = 11
 """Index of the type hash among the parts of a liveliness token."""
-_ROUTER = "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or with ZENOH_CONFIG_OVERRIDE='mode=\"router\"' the bridge is one"
+_ROUTER = "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or start the bridge with ZENOH_CONFIG_OVERRIDE='mode=\"router\"'"
 
 
 def open_session(environment: Mapping[str, str], largest: int, log: Callable[[str], None]) -> Any:
@@ -68,7 +68,7 @@ def open_session(environment: Mapping[str, str], largest: int, log: Callable[[st
     if config.get_json("mode") != '"router"' and not [*session.info.routers_zid(), *session.info.peers_zid()]:
         places = json.loads(config.get_json("connect/endpoints"))
         where = places.get("peer", []) if isinstance(places, dict) else places
-        log(f"zenoh: no router at {', '.join(where)} yet; start one: {_ROUTER}")
+        log(f"zenoh: no router runs at {', '.join(where)}; start one: {_ROUTER}")
     return session
 
 
