@@ -45,7 +45,7 @@ class Blocking(Backend):
 
         return RosPublisher(lambda: SimpleNamespace(data=False), send)
 
-    def subscribe(self, wire: Any, sink: Any) -> RosSubscription:
+    def subscribe(self, wire: Any, take: Any, errors: Any) -> RosSubscription:
         block("create", wire.name)
         return RosSubscription(lambda: SimpleNamespace(data=False))
 

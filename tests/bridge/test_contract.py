@@ -156,12 +156,12 @@ def latch_all_topics(module: ModuleType, backend: Any) -> None:
 def deliver_concurrently(module: ModuleType, backend: Any) -> None:
     """Deliver each message in a new thread."""
 
-    def subscribe(wire: Any, sink: Any) -> Any:
+    def subscribe(wire: Any, take: Any, errors: Any) -> Any:
         message_codec = module.codec(wire.messages)
 
         class Direct:
             def put(self, data: bytes) -> None:
-                module.threading.Thread(target=lambda: sink.take(message_codec.decode(data)), daemon=True).start()
+                module.threading.Thread(target=lambda: take(message_codec.decode(data)), daemon=True).start()
 
         module.TOPICS[wire.name].inlets.append(Direct())
         return RosSubscription(message_codec.new)

@@ -162,13 +162,6 @@ class ErrorSink(Protocol):
         """Count `count` messages that a publisher sent and that ROS never delivered to the bridge."""
 
 
-class MessageSink(ErrorSink, Protocol):
-    """The interface by which a backend passes on the messages of a topic, from one thread at a time."""
-
-    def take(self, message: Any) -> None:
-        """Receive one message of the topic from the backend."""
-
-
 @dataclass(frozen=True, slots=True)
 class RosPublisher:
     """The functions by which the bridge publishes on a ROS topic.
@@ -191,7 +184,7 @@ class RosPublisher:
 
 @dataclass(frozen=True, slots=True)
 class RosSubscription:
-    """The functions of a subscription to a ROS topic, whose messages a MessageSink receives.
+    """The functions of a subscription to a ROS topic.
 
     * `new()` creates an empty message.
     * `is_connected()` returns True if a publisher is connected.
@@ -318,8 +311,8 @@ class Backend(ABC):
         """Create a publisher of the topic."""
 
     @abstractmethod
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
-        """Subscribe to the topic, and pass each message to `sink`, in order."""
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
+        """Subscribe to the topic. `take` receives the messages in order, from one thread at a time."""
 
     @abstractmethod
     def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:

@@ -19,6 +19,7 @@ from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend, Node, RosPublisher, largest
 from shmgen.bridge.common import choice, watchdog
 from shmgen.bridge.common.arguments import Arguments, SimulatedClock, parse, with_parameters
+from shmgen.bridge.common.counters import Counters
 from shmgen.bridge.diagnostics import Reporter
 from shmgen.bridge.endpoint import Side
 from shmgen.bridge.sides import BEAT, Sides
@@ -105,9 +106,9 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
             sinks.append(backend.publish_log)
             try:
                 if ros_arguments.use_sim_time and not has_ros:
-                    wire, clock = plan.clock(session), SimulatedClock("/clock", log)
+                    wire, clock = plan.clock(session), SimulatedClock()
                     backend.now = lambda: clock.time  # type: ignore[method-assign]
-                    backend.subscribe(replace(wire, name=sides.resolve(wire.name)), clock)
+                    backend.subscribe(replace(wire, name=sides.resolve(wire.name)), clock.take, Counters("/clock", log))
                 sides.start(backend)
                 report = _reports(session, backend, sides, backend.name or name, log)
                 show("running")

@@ -21,7 +21,7 @@ from shmgen.runtime.messages.times import set_clock
 
 
 class ToPlc(Side):
-    """Carries a topic from ROS to the PLC. Implements MessageSink, which receives the backend's messages and errors."""
+    """Carries a topic from ROS to the PLC."""
 
     def __init__(
         self,
@@ -31,8 +31,6 @@ class ToPlc(Side):
     ) -> None:
         """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
         super().__init__(route, counters)
-        self.reject, self.refuse = counters.reject, counters.refuse
-        self.set_incompatible_peer, self.lose = counters.set_incompatible_peer, counters.lose
         self._waiting: Any = None
         self._lock = threading.Lock()
         """Held while `_waiting`, the message that waits for the rate limiter, is replaced."""
@@ -44,7 +42,7 @@ class ToPlc(Side):
     def start(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        subscription = backend.subscribe(self.route.wire, self)
+        subscription = backend.subscribe(self.route.wire, self.take, self.counters)
         self.qos_problem = subscription.qos_problem
         plan.check(self.route, subscription.new())
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shmgen.bridge.common.counters import Counters
 from shmgen.config import Config
 from shmgen.config.keys import keys_of
 from shmgen.runtime import Time
@@ -189,7 +188,7 @@ def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
     return replace(config, topics=tuple(topics))
 
 
-class SimulatedClock(Counters):
+class SimulatedClock:
     """The simulated time of ROS, received from the topic /clock. The time is zero until the first message arrives."""
 
     time = Time(0, 0)

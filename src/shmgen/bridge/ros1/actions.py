@@ -49,15 +49,6 @@ _POLL_INTERVAL = 0.02
 """Seconds between two checks of a goal."""
 
 
-class _Taker:
-    """A MessageSink that passes each message to one function."""
-
-    def __init__(self, take: Callable[[Any], None], errors: ErrorSink) -> None:
-        self.take = take
-        self.reject, self.refuse, self.lose = errors.reject, errors.refuse, errors.lose
-        self.set_incompatible_peer = errors.set_incompatible_peer
-
-
 class _Served:
     """A goal of a ROS client, for the PLC to execute. Implements the protocol `Goal` of backend.py."""
 
@@ -86,8 +77,8 @@ class _Server:
         self._lock = threading.Lock()
         self._feedback, self._result = backend.publisher(topics.feedback), backend.publisher(topics.result)
         self._status = backend.publisher(topics.status)
-        backend.subscribe(topics.cancel, _Taker(self._cancel, errors))
-        backend.subscribe(topics.goal, _Taker(self._goal, errors))
+        backend.subscribe(topics.cancel, self._cancel, errors)
+        backend.subscribe(topics.goal, self._goal, errors)
         threading.Thread(target=self._repeat, daemon=True).start()
 
     def progress(self, goal: _Served, fill: Fill) -> None:
@@ -179,9 +170,9 @@ class _Client:
         self._lock = threading.Lock()
         self._last_status_at = -_SERVER_TIMEOUT
         self._canceling, self._goal = backend.publisher(topics.cancel), backend.publisher(topics.goal)
-        backend.subscribe(topics.status, _Taker(self._take_status, errors))
-        backend.subscribe(topics.feedback, _Taker(self._take_feedback, errors))
-        backend.subscribe(topics.result, _Taker(self._take_result, errors))
+        backend.subscribe(topics.status, self._take_status, errors)
+        backend.subscribe(topics.feedback, self._take_feedback, errors)
+        backend.subscribe(topics.result, self._take_result, errors)
 
     def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], threading.Thread] | None:
         key = f"shmgen-{uuid.uuid4().hex}-{next(self._numbers)}"

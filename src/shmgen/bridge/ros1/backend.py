@@ -21,7 +21,7 @@ from rospy.impl import registration, tcpros_pubsub
 from shmgen.bridge.backend import (
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     NoAnswer,
     Node,
     Refuse,
@@ -81,7 +81,7 @@ class Ros1(Backend):
 
         return RosPublisher(kind, send, payload_sender(_checked(wire, kind), self.now, publish, is_ros1=True))
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         kind = types.message(wire.messages)
 
         def decode(data: bytes) -> Any:
@@ -90,7 +90,7 @@ class Ros1(Backend):
             except genpy.DeserializationError as error:
                 raise ValueError(str(error)) from None
 
-        deliver = from_bytes(_checked(wire, kind), decode, sink, is_ros1=True)
+        deliver = from_bytes(_checked(wire, kind), decode, take, errors, is_ros1=True)
         # Without a queue_size rospy delivers every message that a socket received.
         subscription = rospy.Subscriber(
             wire.name, types.raw(kind), lambda message: deliver(message.data), tcp_nodelay=True

@@ -150,19 +150,17 @@ class _Server:
 
 
 class _Client:
-    """A client of a ROS 2 action, with the interface of a RosActionClient, and the sink of the feedback topic."""
+    """A client of a ROS 2 action, with the interface of a RosActionClient."""
 
     def __init__(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> None:
-        self.reject, self.refuse, self.lose = errors.reject, errors.refuse, errors.lose
-        self.set_incompatible_peer = errors.set_incompatible_peer
         interface = ActionInterface(wire)
         self._observers: dict[bytes, GoalObserver] = {}
         self._sending = backend.client(interface.send)
         self._canceling = backend.client(interface.cancel)
         self._results = backend.client(interface.result)
-        self._feedback = backend.subscribe(interface.feedback, self)
+        self._feedback = backend.subscribe(interface.feedback, self._take_feedback, errors)
 
-    def take(self, message: Any) -> None:
+    def _take_feedback(self, message: Any) -> None:
         observer = self._observers.get(bytes(message.goal_id.uuid))
         if observer:
             observer.feedback(message.feedback)

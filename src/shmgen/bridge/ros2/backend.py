@@ -28,7 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from shmgen.bridge.backend import (
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     NoAnswer,
     Node,
     Refuse,
@@ -128,10 +128,10 @@ class Ros2(Backend):
             cdr.new, lambda message: publisher.publish(cdr.encode(message)), None, acknowledged, qos_problem
         )
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         kind, cdr = types.message(wire.messages), _codec(wire.messages)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._log, wire.accepts_other)
-        deliver = from_bytes(replace(wire, direct=None), cdr.decode, sink)
+        deliver = from_bytes(replace(wire, direct=None), cdr.decode, take, errors)
         find = self._node.get_publishers_info_by_topic
         name = self._node.resolve_topic_name(wire.name)
         is_fixed = f"qos_overrides.{name}.subscription.reliability" in self._node._parameter_overrides
@@ -149,8 +149,8 @@ class Ros2(Backend):
                 event_callbacks=SubscriptionEventCallbacks(matched=lambda event: inlet.look()),
                 qos_overriding_options=None if is_adopted else _OVERRIDES,
             )
-            peers = Peers(identity, sink.set_incompatible_peer, lambda: _hashes(find(name)))
-            inlet = Inlet(subscription, deliver, sink, peers, _rmw().startswith("rmw_fastrtps"))
+            peers = Peers(identity, errors.set_incompatible_peer, lambda: _hashes(find(name)))
+            inlet = Inlet(subscription, deliver, errors, peers, _rmw().startswith("rmw_fastrtps"))
             undo = self._wait(subscription, "subscription", inlet.take, wire.name)
             return subscription, _policies(subscription), undo
 

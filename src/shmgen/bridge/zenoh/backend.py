@@ -22,7 +22,7 @@ from shmgen.bridge.backend import (
     QUEUE,
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     NoAnswer,
     Node,
     Refuse,
@@ -95,23 +95,23 @@ class Zenoh(Backend):
         send_payload = payload_sender(wire, self.now, send)
         return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_payload)
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         """Subscribe to all publishers of the topic and type. Refuse and count messages of incompatible publishers."""
         cdr = codec(wire.messages)
         place = Place(wire.name, wire.type, cdr.type_hash)
         identity = Identity(*place, self._log, wire.accepts_other)
-        deliver = from_bytes(wire, cdr.decode, sink)
+        deliver = from_bytes(wire, cdr.decode, take, errors)
         newest: dict[bytes, int] = {}
 
-        def take(sample: Any) -> None:
+        def receive(sample: Any) -> None:
             number, sender = parse_attachment(sample)
             before = newest.get(sender, number - 1)
             remember_bounded(newest, sender, max(number, before))  # a latched message may arrive after a newer one
             if why := identity.refusal(str(sample.key_expr).rpartition("/")[2]):
-                sink.refuse(why)
+                errors.refuse(why)
                 return
             if number > before + 1:
-                sink.lose(number - before - 1)
+                errors.lose(number - before - 1)
             deliver(sample.payload.to_bytes())
 
         key, ring = self._graph.key(place._replace(hash="*")), RingChannel(wire.queue)
@@ -120,8 +120,8 @@ class Zenoh(Backend):
             subscriber = zenoh.ext.declare_advanced_subscriber(self._session, key, ring, history=history)
         else:
             subscriber = self._session.declare_subscriber(key, ring)
-        stop = self._empty(subscriber, take, wire.name)
-        peers = Peers(identity, sink.set_incompatible_peer)
+        stop = self._empty(subscriber, receive, wire.name)
+        peers = Peers(identity, errors.set_incompatible_peer)
         end_watch = self._graph.watch("MP", place, peers)
         token = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
         self._until_undone(stop, end_watch, token.withdraw)
