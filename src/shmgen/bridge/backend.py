@@ -262,11 +262,11 @@ class GoalObserver(Protocol):
 class RosActionClient(Protocol):
     """A client of a ROS action: sends goals that the ROS server executes."""
 
-    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], object] | None:
         """Let `fill` fill an empty goal, and send the goal. Return None if the server rejects the goal.
 
-        If the server accepts the goal, return a function that cancels the goal: it sends the cancel request in a new
-        thread, and returns this thread. `follower` receives the feedback and the result. Raises NoAnswer, and cancels
+        If the server accepts the goal, return a function that cancels the goal, and may block its thread for 2 s.
+        `follower` receives the feedback and the result. Raises NoAnswer, and cancels
         the goal, if the server does not answer within `timeout` seconds.
         """
 

@@ -174,7 +174,7 @@ class _Client:
         backend.subscribe(topics.feedback, self._take_feedback, errors)
         backend.subscribe(topics.result, self._take_result, errors)
 
-    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], object] | None:
         key = f"shmgen-{uuid.uuid4().hex}-{next(self._numbers)}"
         message = self._goal.new()
         message.header.stamp = set_clock(message.header.stamp, self._backend.now())
@@ -194,7 +194,7 @@ class _Client:
                 time.sleep(_POLL_INTERVAL)
         except BaseException:
             self._sent.pop(key, None)
-            self._cancel(key)
+            threading.Thread(target=self._cancel, args=(key,), daemon=True).start()
             raise
         if sent.status == _REJECTED:
             self._sent.pop(key, None)
@@ -231,15 +231,10 @@ class _Client:
                         why = f"the server has not shown the goal for {_SERVER_TIMEOUT:g} s"
                         sent.observer.end(ABORTED, None, why)
 
-    def _cancel(self, key: str) -> threading.Thread:
-        def run() -> None:
-            message = self._canceling.new()
-            message.id = key
-            self._canceling.send(message)
-
-        thread = threading.Thread(target=run, daemon=True)
-        thread.start()
-        return thread
+    def _cancel(self, key: str) -> None:
+        message = self._canceling.new()
+        message.id = key
+        self._canceling.send(message)
 
 
 class _ActionTopics:

@@ -165,7 +165,7 @@ class _Client:
         if observer:
             observer.feedback(message.feedback)
 
-    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], object] | None:
         # Wait for all endpoints: they are discovered one by one, and the first feedback would be lost.
         ends = (self._sending, self._results, self._canceling, self._feedback)
         await_server(lambda: all(end.is_connected() for end in ends), timeout)
@@ -178,7 +178,8 @@ class _Client:
             accepted = self._sending.call(request, timeout).accepted
         except NoAnswer:
             del self._observers[key]
-            self._cancel(key)  # the server may still accept the goal later
+            # The server may still accept the goal later.
+            threading.Thread(target=self._cancel, args=(key,), daemon=True).start()
             raise
         if not accepted:
             del self._observers[key]
@@ -198,16 +199,11 @@ class _Client:
         except Exception as error:
             self._observers.pop(key).end(ABORTED, None, str(error))
 
-    def _cancel(self, key: bytes) -> threading.Thread:
-        def run() -> None:
-            request = self._canceling.new()
-            request.goal_info.goal_id.uuid[:] = list(key)
-            with suppress(Exception):  # the end of the goal reports the outcome
-                self._canceling.call(request, _CANCEL_TIMEOUT)
-
-        thread = threading.Thread(target=run, daemon=True)
-        thread.start()
-        return thread
+    def _cancel(self, key: bytes) -> None:
+        request = self._canceling.new()
+        request.goal_info.goal_id.uuid[:] = list(key)
+        with suppress(Exception):  # the end of the goal reports the outcome
+            self._canceling.call(request, _CANCEL_TIMEOUT)
 
 
 def _info(goal: _Served) -> Any:
