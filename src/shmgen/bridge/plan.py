@@ -149,14 +149,9 @@ def renamed(route: Route | CallRoute, resolve: Callable[[str], str]) -> Any:
     return replace(route, wire=replace(route.wire, name=resolve(route.wire.name)))
 
 
-def clock(session: Session) -> Wire:
-    """Return the ROS side of the topic /clock. Raises Rejected if no definition of rosgraph_msgs/Clock is found."""
-    return Wire("/clock", session.schema(["rosgraph_msgs/Clock"]).messages, qos="best_effort")
-
-
-def diagnostics(session: Session) -> Wire:
-    """Return the ROS side of the topic /diagnostics. Raises Rejected if DiagnosticArray has no definition."""
-    return Wire("/diagnostics", session.schema(["diagnostic_msgs/DiagnosticArray"]).messages)
+def own_topic(session: Session, name: str, type_: str, **options: Any) -> Wire:
+    """Return the ROS side of a topic of the bridge itself. Raises Rejected if no definition of `type_` is found."""
+    return Wire(name, session.schema([type_]).messages, **options)
 
 
 def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:
