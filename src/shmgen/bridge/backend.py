@@ -168,8 +168,8 @@ class RosPublisher:
 
     * `new()` creates an empty message. Its lists accept any objects with the attributes of the element's type.
     * `send(message)` publishes a message from `new`, without waiting for subscribers. The message can then be reused.
-    * `send_payload(bytes)` publishes the bytes of a sample. If the function raises ValueRejected, decode the sample and
-      use `send`. None if the backend or the topic has no direct conversion.
+    * `send_sample(sample)` publishes a sample by its direct conversion. If there is none, or if a field is invalid, the
+      function returns False. Then decode the sample and use `send`.
     * `acknowledged(seconds)` waits until all reliable subscribers have all messages, and returns False after a timeout.
       None if this ROS has no acknowledgements.
     * `qos_problem()` returns the reason why a subscriber has incompatible QoS, or `""` if all subscribers match.
@@ -177,7 +177,7 @@ class RosPublisher:
 
     new: Callable[[], Any]
     send: Callable[[Any], None]
-    send_payload: Callable[[bytes], None] | None = None
+    send_sample: Callable[[Any], bool] = lambda sample: False
     acknowledged: Callable[[float], bool] | None = None
     qos_problem: Callable[[], str] = lambda: ""
 

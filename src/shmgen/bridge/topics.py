@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Backend, RosPublisher
+from shmgen.bridge.backend import Backend
 from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.common.counters import Counters, describe
 from shmgen.bridge.common.send_window import SendWindow
@@ -140,7 +140,6 @@ class FromPlc(Side):
         super().__init__(route, counters)
         self._sending = threading.Lock()
         self._window: SendWindow | None = None
-        self._outlet: RosPublisher | None = None
         self._stale = False
         self._due = 0.0
         self._is_first = True
@@ -199,16 +198,14 @@ class FromPlc(Side):
         return bool(samples)
 
     def _send(self, sample: Message) -> None:
-        outlet = self._outlet
-        assert outlet
         self.counters.mark_received()
         try:
             lost = self._window.wait() if self._window else 0
-            if not _send_payload(outlet, sample):
+            if not self._outlet.send_sample(sample):
                 self.route.kind._decode(bytes(sample), self._message)
                 if self.route.topic.carried.stamp == "now":
                     self._stamp(self._message)
-                outlet.send(self._message)
+                self._outlet.send(self._message)
             self.counters.passed += 1 - lost
             if lost:
                 self.counters.lose(lost)
@@ -244,14 +241,3 @@ class FromPlc(Side):
             reader.read()
         self._is_first = False
         return reader
-
-
-def _send_payload(outlet: RosPublisher, sample: Message) -> bool:
-    """Send the bytes of the sample. Return False if the topic has no direct conversion or a field is invalid."""
-    if outlet.send_payload is None:
-        return False
-    try:
-        outlet.send_payload(bytes(sample))
-    except ValueRejected:
-        return False
-    return True

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from shmgen.bridge.backend import ErrorSink, NoAnswer, Node, Wire
 from shmgen.bridge.common.counters import Counters, describe
 from shmgen.config.keys import MAX_DOMAIN
-from shmgen.runtime import Time
+from shmgen.runtime import Message, Time, ValueRejected
 
 _POLL_INTERVAL = 0.01
 """Seconds between two checks for a server."""
@@ -64,16 +64,26 @@ def from_bytes(
     return receive
 
 
-def payload_sender(
+def sample_sender(
     wire: Wire, now: Callable[[], Time], send: Callable[[bytes], None], is_ros1: bool = False
-) -> Callable[[bytes], None] | None:
-    """Return a function that converts the bytes of a sample to a serialized ROS message, and passes this to `send`.
+) -> Callable[[Message], bool]:
+    """Return a function that converts a sample to a serialized ROS message, and passes this to `send`.
 
-    Return None if the topic has no direct conversion. `now` returns the ROS time, for an unset time stamp.
+    The function returns False if the topic has no direct conversion or a field of the sample is invalid. `now` returns
+    the ROS time, for an unset time stamp.
     """
-    if (direct := wire.direct) is None:
-        return None
-    return lambda payload: send(direct.encode(payload, now, is_ros1))
+
+    def send_sample(sample: Message) -> bool:
+        if wire.direct is None:
+            return False
+        try:
+            data = wire.direct.encode(bytes(sample), now, is_ros1)
+        except ValueRejected:
+            return False
+        send(data)
+        return True
+
+    return send_sample
 
 
 def guarded(function: Callable[..., None], name: str, log: Callable[[str], None], *passes: type[Exception]) -> Any:

@@ -27,7 +27,7 @@ from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
 from shmgen.bridge.common.peers import Peers
-from shmgen.bridge.common.support import domain_without_ros, from_bytes, payload_sender
+from shmgen.bridge.common.support import domain_without_ros, from_bytes, sample_sender
 from shmgen.bridge.dds.dropped import Dropped
 from shmgen.bridge.dds.entities import Ends, Subscription, is_acknowledged, matches, quality, refusal, send, update_peer
 from shmgen.bridge.dds.network import confine, network, sockets
@@ -89,14 +89,14 @@ class Graph(Backend):
         self.undo.append(writer.__del__)
         for handle in matches(writer):  # peers that matched before the writer was returned
             matched(writer, handle)
-        send_payload = payload_sender(wire, self.now, partial(send, writer))
+        send_sample = sample_sender(wire, self.now, partial(send, writer))
         acknowledged = partial(is_acknowledged, writer)
 
         def qos_problem() -> str:
             return qos.problem(own, self._ends.peers_qos(name, publishes=False), publishes=True)
 
         return RosPublisher(
-            cdr.new, lambda message: send(writer, cdr.encode(message)), send_payload, acknowledged, qos_problem
+            cdr.new, lambda message: send(writer, cdr.encode(message)), send_sample, acknowledged, qos_problem
         )
 
     def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:

@@ -31,7 +31,7 @@ from shmgen.bridge.backend import (
     ServiceWire,
     Wire,
 )
-from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_answer, from_bytes, payload_sender
+from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_answer, from_bytes, sample_sender
 from shmgen.bridge.ros1 import actions as ros1_actions
 from shmgen.bridge.ros1 import types
 from shmgen.runtime import Time
@@ -79,7 +79,7 @@ class Ros1(Backend):
         def publish(data: bytes) -> None:
             publisher.publish(raw(data))
 
-        return RosPublisher(kind, send, payload_sender(_checked(wire, kind), self.now, publish, is_ros1=True))
+        return RosPublisher(kind, send, sample_sender(_checked(wire, kind), self.now, publish, is_ros1=True))
 
     def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         kind = types.message(wire.messages)

@@ -125,7 +125,10 @@ class Ros2(Backend):
             return qos.problem(own, map(_policies, listed(publisher.topic_name)), publishes=True)
 
         return RosPublisher(
-            cdr.new, lambda message: publisher.publish(cdr.encode(message)), None, acknowledged, qos_problem
+            cdr.new,
+            lambda message: publisher.publish(cdr.encode(message)),
+            acknowledged=acknowledged,
+            qos_problem=qos_problem,
         )
 
     def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:

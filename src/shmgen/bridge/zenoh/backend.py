@@ -42,8 +42,8 @@ from shmgen.bridge.common.support import (
     from_bytes,
     guarded,
     join_all,
-    payload_sender,
     remember_bounded,
+    sample_sender,
 )
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.bridge.zenoh.graph import Graph, Place, attachment, open_session, parse_attachment, quality
@@ -92,8 +92,8 @@ class Zenoh(Backend):
             with lock:  # sends in the order of the numbers
                 out.put(data, attachment=attachment(next(numbers), token.gid))
 
-        send_payload = payload_sender(wire, self.now, send)
-        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_payload)
+        send_sample = sample_sender(wire, self.now, send)
+        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_sample)
 
     def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         """Subscribe to all publishers of the topic and type. Refuse and count messages of incompatible publishers."""
