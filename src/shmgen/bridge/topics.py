@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -11,13 +12,15 @@ from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend
 from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.common.counters import Counters, describe
-from shmgen.bridge.common.send_window import SendWindow
 from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side
 from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import Route
 from shmgen.live.classes import publisher, subscriber
 from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, Subscriber, ValueRejected
 from shmgen.runtime.messages.times import set_clock
+
+_ACKNOWLEDGED_TIMEOUT = 4.0
+"""Seconds to wait for a slow subscriber of large messages. Fast DDS resends a lost message within 3 s."""
 
 
 class ToPlc(Side):
@@ -139,7 +142,7 @@ class FromPlc(Side):
         """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
         super().__init__(route, counters)
         self._sending = threading.Lock()
-        self._window: SendWindow | None = None
+        self._window: _SendWindow | None = None
         self._stale = False
         self._due = 0.0
         self._is_first = True
@@ -153,7 +156,7 @@ class FromPlc(Side):
         outlet, self._now = backend.publisher(wire), backend.now
         waits = wire.is_large and wire.qos != "best_effort" and not wire.latch
         if waits and outlet.acknowledged:
-            self._window = SendWindow(outlet.acknowledged, wire.queue, self.stopping.is_set)
+            self._window = _SendWindow(outlet.acknowledged, wire.queue, self.stopping.is_set)
         self._outlet, self._message, self.qos_problem = outlet, outlet.new(), outlet.qos_problem
         plan.check(self.route, self._message)
         self._listener.add(self)
@@ -241,3 +244,37 @@ class FromPlc(Side):
             reader.read()
         self._is_first = False
         return reader
+
+
+class _SendWindow:
+    """Delays large messages until slow subscribers have received enough of the earlier messages.
+
+    The queue of a topic holds few large messages. If the queue is full, DDS overwrites the oldest message, even if a
+    subscriber still waits for that message.
+
+    Call `wait` before each send. While the queue may be full, `wait` blocks, and unsent samples stay in their region.
+    After a timeout, `wait` returns 1 for each message that may be lost, until all messages are acknowledged.
+    `acknowledged(seconds)` is the function of RosPublisher, and `queue` the length of the queue in messages.
+    """
+
+    def __init__(self, acknowledged: Callable[[float], bool], queue: int, is_over: Callable[[], bool]) -> None:
+        self._acknowledged = acknowledged
+        self._queue = queue
+        self._is_over = is_over
+        self._outstanding = 0
+        self._is_late = False
+
+    def wait(self) -> int:
+        """Wait for a free place in the queue. Return 1 if the next send may overwrite an unreceived message, else 0."""
+        if self._outstanding >= self._queue // 2:
+            self._poll(0.0)  # cheap, and usually makes the wait below unnecessary
+        deadline = time.monotonic() + (0 if self._is_late else _ACKNOWLEDGED_TIMEOUT)
+        while self._outstanding >= self._queue and time.monotonic() < deadline and not self._is_over():
+            self._poll(POLL_INTERVAL)
+        self._is_late = self._outstanding >= self._queue
+        self._outstanding += 1
+        return int(self._is_late)
+
+    def _poll(self, seconds: float) -> None:
+        if self._acknowledged(seconds):
+            self._outstanding = 0
