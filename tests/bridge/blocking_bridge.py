@@ -49,7 +49,7 @@ class Blocking(Backend):
         block("create", wire.name)
         return RosSubscription(lambda: SimpleNamespace(data=False))
 
-    def serve(self, wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(self, wire: Any, answer: Any, errors: Any) -> None:
         raise NotImplementedError
 
     def client(self, wire: Any) -> RosClient:

@@ -371,7 +371,7 @@ def _answer_call(request: Any, response: Any) -> None:
 def _serve_and_call(scene: Scene, answer: Callable[[Any, Any], None], wire: ServiceWire | None = None) -> RosClient:
     """Serve the service, and return a client whose first call has been answered."""
     wire = wire or scene.service()
-    scene.backend.serve(wire, answer, scene.logged.append)
+    scene.backend.serve(wire, answer, _ErrorSink(scene.logged))
     caller = scene.backend.client(wire)
     until(lambda: _is_answered(caller))
     return caller

@@ -199,12 +199,12 @@ def reply_to_failed_calls(module: ModuleType, backend: Any) -> None:
     """Send an empty reply if a call fails."""
     original = backend.serve
 
-    def serve(wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(wire: Any, answer: Any, errors: Any) -> None:
         def answer_or_ignore(request: Any, response: Any) -> None:
             with contextlib.suppress(contract.NoAnswer):
                 answer(request, response)
 
-        original(wire, answer_or_ignore, refuse)
+        original(wire, answer_or_ignore, errors)
 
     backend.serve = serve
 
@@ -238,9 +238,9 @@ def leak_threads(module: ModuleType, backend: Any) -> None:
     """Start a thread for each service and leave it running."""
     original = backend.serve
 
-    def serve(wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(wire: Any, answer: Any, errors: Any) -> None:
         module.threading.Thread(target=lambda: time.sleep(4.0), daemon=True).start()
-        original(wire, answer, refuse)
+        original(wire, answer, errors)
 
     backend.serve = serve
 

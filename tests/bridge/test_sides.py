@@ -83,7 +83,7 @@ class Ros(Backend):
     def now(self) -> Time:
         return Time(1, 2)
 
-    def serve(self, wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(self, wire: Any, answer: Any, errors: Any) -> None:
         raise NotImplementedError
 
     def client(self, wire: Any) -> RosClient:

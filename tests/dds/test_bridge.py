@@ -25,6 +25,7 @@ from tests.softplc import compile_st
 from ..rigs.load_bridge import RATES, bridged
 from ..support.dds import Domain
 from ..support.ros1 import LIMIT, PROMPTLY, Bridge
+from .conftest import Errors
 from .peers import running
 
 CONFIG = """
@@ -152,7 +153,7 @@ def test_services_pass_both_ways(cell: Domain, graph: backend.Graph, topic: str)
     stop.set()
     thread.join()
 
-    graph.serve(called.wire, lambda request, answer: setattr(answer, "message", request.word.upper()), [].append)
+    graph.serve(called.wire, lambda request, answer: setattr(answer, "message", request.word.upper()), Errors())
     classes = {
         "request_publisher": endpoint_class(Publisher, called, "_Request"),
         "reply_subscriber": endpoint_class(Subscriber, called, "_Reply"),

@@ -202,7 +202,7 @@ def test_other_service_type_is_refused(graph: Graph, dds_peer: backend.Graph, sp
         assert plc.call(SimpleNamespace(data=True), 5) is not None
         requests.clear()
         dds_peer.client(service(tmp_path, f"{space}/flag", "int8 data"))
-        dds_peer.serve(service(tmp_path, f"{space}/of/flag", "int8 data"), lambda *call: None, print)
+        dds_peer.serve(service(tmp_path, f"{space}/of/flag", "int8 data"), lambda *call: None, Errors())
 
         def is_refused(name: str) -> bool:
             """Return True if the log reports the refusal: on a busy machine, a call may fail for another reason."""

@@ -216,10 +216,6 @@ Answer = Callable[[Any, Any], None]
 """A callback that reads a request and fills a response. It raises NoAnswer if the PLC did not answer."""
 
 
-Refuse = Callable[[str], None]
-"""A callback that receives the reason why an incompatible client got no response."""
-
-
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """The final states of a goal, with the numbers of action_msgs/GoalStatus."""
 
@@ -315,10 +311,10 @@ class Backend(ABC):
         """Subscribe to the topic. `take` receives the messages in order, from one thread at a time."""
 
     @abstractmethod
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         """Offer the service to ROS. `answer` fills the response to each request, and may block its thread.
 
-        `refuse` receives the reason if an incompatible client gets no response.
+        `errors.refuse` receives the reason if an incompatible client gets no response.
         """
 
     @abstractmethod

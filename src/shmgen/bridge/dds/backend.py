@@ -16,7 +16,6 @@ from shmgen.bridge.backend import (
     Backend,
     ErrorSink,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -134,9 +133,9 @@ class Graph(Backend):
         self.undo += [lambda: self._dropped.calls.pop(name, None), subscription.undo]
         return RosSubscription(cdr.new, lambda: bool(matches(subscription.end[0])), subscription.qos_problem)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         """Offer the service. Raises ValueError if the type contains a `wstring`."""
-        self.undo.append(Server(self._transport(), wire, self._ends.log, refuse, answer).close)
+        self.undo.append(Server(self._transport(), wire, self._ends.log, errors, answer).close)
 
     def client(self, wire: ServiceWire) -> RosClient:
         """Create a client of the service. Raises ValueError if the type contains a `wstring`."""

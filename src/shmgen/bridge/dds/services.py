@@ -19,7 +19,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
-from shmgen.bridge.backend import Answer, NoAnswer, Refuse, ServiceWire
+from shmgen.bridge.backend import Answer, ErrorSink, NoAnswer, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity, type_name
 from shmgen.bridge.common.support import await_answer, await_server, guarded
@@ -57,16 +57,13 @@ class _Half:
     peer_identity_key: str
     """The key of the identity in the user data of a peer."""
 
-    def __init__(
-        self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], refuse: Refuse
-    ) -> None:
+    def __init__(self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]) -> None:
         self.request, self.response = codec(wire.request), codec(wire.response)
         self._transport = transport
         self._closed = False
         self._name = wire.name
         self._log = log
         self._at_once = wire.at_once
-        self._refuse = refuse
         self._is_logged = False
         us = f"{self.own_identity_key}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
         self._requests = _direction(request_name(wire.name), wire.request, f"{us}typehash={self.request.type_hash};")
@@ -84,7 +81,6 @@ class _Half:
         return user_data_entry(words, self.peer_identity_key)
 
     def _report_incompatible(self) -> None:
-        self._refuse(_INCOMPATIBLE)
         if not self._is_logged:
             self._is_logged = True
             self._log(f"{self._name}: {_INCOMPATIBLE}; {self._transport.why}{_HINT}")
@@ -96,32 +92,38 @@ class Server(_Half):
     own_identity_key, peer_identity_key = "serviceid", "clientid"
 
     def __init__(
-        self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], refuse: Refuse, answer: Answer
+        self,
+        transport: ServiceTransport,
+        wire: ServiceWire,
+        log: Callable[[str], None],
+        errors: ErrorSink,
+        answer: Answer,
     ) -> None:
-        super().__init__(transport, wire, log, refuse)
-        self._answer = answer
+        super().__init__(transport, wire, log)
+        self._errors, self._answer = errors, answer
         self.pair = transport.pair(self._requests, self._responses, self._on_peer)
         self.pair.listen(self._on_received, self._name)
 
     def _on_peer(self, words: list[str], is_writer: bool) -> None:
         if is_writer and (why := self._request_identity.refusal(type_hash_of(words))):
-            self._refuse(why)
+            self._errors.refuse(why)
         elif is_writer and not self._transport.inline and not self._id(words):
+            self._errors.refuse(_INCOMPATIBLE)
             self._report_incompatible()
 
     def _on_received(self, received: ReceivedCall) -> None:
         if self._closed:
             return
         if why := self._request_identity.refusal(type_hash_of(received.words)):
-            self._refuse(why)
+            self._errors.refuse(why)
         elif not self._id(received.words) and not self._transport.inline:
-            self._refuse(_INCOMPATIBLE)
+            self._errors.refuse(_INCOMPATIBLE)
         else:
             try:
                 before, body = _split(received.cdr) if self._id(received.words) else (b"", received.cdr)
                 request = self.request.decode(body)
             except ValueError as error:
-                self._refuse(str(error))
+                self._errors.refuse(str(error))
                 raise  # the reading thread logs it at a limited rate
             if self._at_once:
                 reply = guarded(self._reply, self._name, self._log)
@@ -161,7 +163,7 @@ class Client(_Half):
     own_identity_key, peer_identity_key = "clientid", "serviceid"
 
     def __init__(self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]) -> None:
-        super().__init__(transport, wire, log, lambda why: None)
+        super().__init__(transport, wire, log)
         self._guid = uuid.uuid4().int & (2**64 - 1)
         self._numbers = itertools.count(1)
         self._waiting: dict[bytes, Future[bytes]] = {}

@@ -24,7 +24,6 @@ from shmgen.bridge.backend import (
     ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -98,7 +97,7 @@ class Ros1(Backend):
         self.undo.append(subscription.unregister)
         return RosSubscription(kind, lambda: subscription.get_num_connections() > 0)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         kind = types.service(wire)
 
         def handle(request: Any) -> Any:

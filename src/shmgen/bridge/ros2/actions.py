@@ -74,9 +74,9 @@ class _Server:
         interface = ActionInterface(wire)
         self._feedback = backend.publisher(interface.feedback)
         self._status = backend.publisher(interface.status)
-        backend.serve(interface.result, self._result, errors.refuse)
-        backend.serve(interface.cancel, self._cancel, errors.refuse)
-        backend.serve(interface.send, self._send, errors.refuse)
+        backend.serve(interface.result, self._result, errors)
+        backend.serve(interface.cancel, self._cancel, errors)
+        backend.serve(interface.send, self._send, errors)
 
     def progress(self, goal: _Served, fill: Fill) -> None:
         message = self._feedback.new()

@@ -31,7 +31,6 @@ from shmgen.bridge.backend import (
     ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -165,7 +164,7 @@ class Ros2(Backend):
             cdr.new, lambda: bool(subscription.end.handle.get_publisher_count()), subscription.qos_problem
         )
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
         service = self._node.create_service(kind, wire.name, _never, callback_group=Ours())
@@ -190,7 +189,7 @@ class Ros2(Backend):
                     return
                 peers.look()
                 if why := peers.refusal():
-                    refuse(why)
+                    errors.refuse(why)
                 elif wire.at_once:
                     work = guarded(reply, wire.name, self._log)
                     threading.Thread(target=work, args=(rosidl_request, request_id), daemon=True).start()

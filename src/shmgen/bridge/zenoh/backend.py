@@ -25,7 +25,6 @@ from shmgen.bridge.backend import (
     ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -127,7 +126,7 @@ class Zenoh(Backend):
         self._until_undone(stop, end_watch, token.withdraw)
         return RosSubscription(cdr.new, lambda: peers.has_compatible)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         request, response = codec(wire.request), codec(wire.response)
         place = Place(wire.name, wire.type, service_hash(wire.request, wire.response))
         key = self._graph.key(place)
@@ -142,7 +141,7 @@ class Zenoh(Backend):
                     self._log(f"{wire.name}: no answer: {error}")
                     query.reply_err(str(error))
                 except ValueError as error:
-                    refuse(str(error))
+                    errors.refuse(str(error))
                     query.reply_err(str(error))
 
         def take(query: Any) -> None:
@@ -153,7 +152,7 @@ class Zenoh(Backend):
 
         def refuse_peer(incompatible_peer: str) -> None:
             if incompatible_peer:
-                refuse(incompatible_peer)
+                errors.refuse(incompatible_peer)
 
         queryable = self._session.declare_queryable(key, RingChannel(QUEUE), complete=True)
         stop = self._empty(queryable, take, wire.name)

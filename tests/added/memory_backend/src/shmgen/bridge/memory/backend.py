@@ -15,7 +15,6 @@ from shmgen.bridge.backend import (
     ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -117,7 +116,7 @@ class Memory(Backend):
         self._ends_with(unsubscribe)
         return RosSubscription(made.new)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         SERVICES[wire.name] = wire, answer
         self._ends_with(lambda: SERVICES.pop(wire.name, None))
 
