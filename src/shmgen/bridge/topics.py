@@ -40,7 +40,6 @@ class ToPlc(Side):
         self._has_message = threading.Event()
         topic = route.topic
         self.end = end or RegionEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), counters)
-        self.end.silence = self._silence
 
     def start(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
@@ -66,13 +65,13 @@ class ToPlc(Side):
 
     def beat(self) -> None:
         """Send a heartbeat to the PLC, except if ROS has sent nothing for the time `stale` of shmgen.toml."""
-        if (region := self.end.current) is not None and not self._silence():
+        if (region := self.end.current) is not None and not self.silence():
             try:
                 region.heartbeat()
             except ShmError as error:
                 self.end.report(error)
 
-    def _silence(self) -> str:
+    def silence(self) -> str:
         limit = self.route.topic.carried.stale
         age = self.counters.age
         if limit is None or (age is not None and age <= limit):
@@ -147,7 +146,6 @@ class FromPlc(Side):
         self._due = 0.0
         self._is_first = True
         self.end = end or RegionEndpoint(self._open_subscriber, counters)
-        self.end.silence = self._silence
         waits = route.topic.carried.rate or route.wire.is_large
         self._listener = listener if listener and not waits else Listener(self.stopping)
 
@@ -170,7 +168,7 @@ class FromPlc(Side):
             with suppress(ShmError, ValueError):  # the listener closed the subscriber
                 self._stale = reader.is_stale(limit)
 
-    def _silence(self) -> str:
+    def silence(self) -> str:
         limit = self.route.topic.carried.stale
         return f"the PLC's heartbeat has not changed for {limit:g} s or more" if self._stale else ""
 
