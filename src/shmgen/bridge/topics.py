@@ -35,9 +35,8 @@ class ToPlc(Side):
         """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
         super().__init__(route, counters)
         self._waiting: Any = None
-        self._lock = threading.Lock()
-        """Held while `_waiting`, the message that waits for the rate limiter, is replaced."""
-        self._has_message = threading.Event()
+        """The message that waits for the rate limiter, or None."""
+        self._waiting_changed = threading.Condition()
         topic = route.topic
         self.end = end or RegionEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), counters)
 
@@ -53,15 +52,15 @@ class ToPlc(Side):
         self.counters.mark_received()
         if self.route.topic.carried.rate is None:
             self._publish(message)
-            return
-        self._exchange(message)
-        self._has_message.set()
+        else:
+            self._exchange(message)
 
     def _exchange(self, message: Any) -> None:
         """Store `message` for the rate limiter. If another message is still stored, drop and count that message."""
-        with self._lock:
+        with self._waiting_changed:
             self.counters.rate_limited += self._waiting is not None
             self._waiting = message
+            self._waiting_changed.notify()
 
     def beat(self) -> None:
         """Send a heartbeat to the PLC, except if ROS has sent nothing for the time `stale` of shmgen.toml."""
@@ -87,14 +86,12 @@ class ToPlc(Side):
         """Publish the newest message, at most once in `period` seconds. The last message of a burst is not lost."""
         due = 0.0
         while not self.stopping.wait(max(0.0, due - time.monotonic())):
-            if not self._has_message.wait(POLL_INTERVAL):
-                continue
-            with self._lock:
-                self._has_message.clear()
+            with self._waiting_changed:
+                if not self._waiting_changed.wait_for(lambda: self._waiting is not None, POLL_INTERVAL):
+                    continue
                 message, self._waiting = self._waiting, None
             due = time.monotonic() + period
-            if message is not None:
-                self._publish(message)
+            self._publish(message)
 
     def _publish(self, message: Any) -> None:
         if (region := self.end.current) is None:
