@@ -82,9 +82,13 @@ class CallRoute:
         return About(self.entry.name, direction, self.entry.type.short, region)
 
 
-def everything(session: Session) -> list[Route | CallRoute]:
-    """Return the routes of all topics, services and actions in shmgen.toml. Raises Rejected if an entry has errors."""
-    return [*routes(session), *services(session), *actions(session)]
+def everything(session: Session, resolve: Callable[[str], str]) -> list[Route | CallRoute]:
+    """Return the routes of all topics, services and actions in shmgen.toml. Raises Rejected if an entry has errors.
+
+    `resolve` maps a name in shmgen.toml to the name in the ROS graph. The region keeps the name from shmgen.toml.
+    """
+    planned: list[Any] = [*routes(session), *services(session), *actions(session)]
+    return [replace(route, wire=replace(route.wire, name=resolve(route.wire.name))) for route in planned]
 
 
 def routes(session: Session) -> list[Route]:
@@ -142,11 +146,6 @@ def _resolve(
     entries = list(find(session.config, layouts, report))
     report.stop_if_any()
     return entries, session.schema(types), layouts, session.classes(types, **options) if entries else {}
-
-
-def renamed(route: Route | CallRoute, resolve: Callable[[str], str]) -> Any:
-    """Return `route` with its ROS name replaced by `resolve(name)`. The region keeps the name from shmgen.toml."""
-    return replace(route, wire=replace(route.wire, name=resolve(route.wire.name)))
 
 
 def own_topic(session: Session, name: str, type_: str, **options: Any) -> Wire:
