@@ -334,5 +334,5 @@ def test_fast_dds_matches_replies_and_leaves_nothing(domain: int, topic: str) ->
     assert logged == []
 
 
-def ignore_peer(words: list[str], is_writer: bool) -> None:
+def ignore_peer(words: dict[str, str], is_writer: bool) -> None:
     """Ignore reports of peers."""

@@ -250,7 +250,7 @@ def update_peer(peers: Peers, entity: Any, handle: int, is_there: bool = True) -
         peers.remove(key_of(handle))
         return
     with suppress(LookupError):  # the peer has left meanwhile
-        peers.add(key_of(handle), type_hash_of(user_data_of(entity, handle)))
+        peers.add(key_of(handle), entries_of(user_data_of(entity, handle)).get("typehash", ""))
 
 
 def refusal(peers: Peers, reader: DataReader, sample: Any) -> str:
@@ -291,14 +291,9 @@ def user_data_of(entity: Any, handle: int) -> list[str]:
     return list(data.decode(errors="replace").split(";"))
 
 
-def user_data_entry(words: Iterable[str], key: str) -> str:
-    """Return the entry with the key `key`, such as `clientid=1.2`, in a peer's user data, or `""`."""
-    return next((word for word in words if word.startswith(f"{key}=")), "")
-
-
-def type_hash_of(words: Iterable[str]) -> str:
-    """Return the type hash in the user data of a peer, or `""` if the user data has none."""
-    return user_data_entry(words, "typehash").partition("=")[2]
+def entries_of(parts: Iterable[str]) -> dict[str, str]:
+    """Return the entries of a peer's user data from its parts, such as `clientid=1.2`."""
+    return {key: value for key, _, value in (part.partition("=") for part in parts)}
 
 
 def is_acknowledged(writer: DataWriter, seconds: float) -> bool:

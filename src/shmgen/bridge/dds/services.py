@@ -23,7 +23,6 @@ from shmgen.bridge.backend import Answer, ErrorSink, NoAnswer, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity, type_name
 from shmgen.bridge.common.support import await_answer, await_server, guarded
-from shmgen.bridge.dds.entities import type_hash_of, user_data_entry
 from shmgen.bridge.dds.service_pair import Direction, Pair, ReceivedCall, ServiceTransport
 from shmgen.bridge.dds.types import reply_name, request_name, structure
 from shmgen.core.model import Message
@@ -76,9 +75,9 @@ class _Half:
         self._closed = True
         self.pair.close()
 
-    def _id(self, words: list[str]) -> str:
+    def _id(self, words: dict[str, str]) -> str:
         """Return the identity in a peer's user data, or `""` if the peer sends an identity inline with each call."""
-        return user_data_entry(words, self.peer_identity_key)
+        return words.get(self.peer_identity_key, "")
 
     def _report_incompatible(self) -> None:
         if not self._is_logged:
@@ -104,8 +103,8 @@ class Server(_Half):
         self.pair = transport.pair(self._requests, self._responses, self._on_peer)
         self.pair.listen(self._on_received, self._name)
 
-    def _on_peer(self, words: list[str], is_writer: bool) -> None:
-        if is_writer and (why := self._request_identity.refusal(type_hash_of(words))):
+    def _on_peer(self, words: dict[str, str], is_writer: bool) -> None:
+        if is_writer and (why := self._request_identity.refusal(words.get("typehash", ""))):
             self._errors.refuse(why)
         elif is_writer and not self._transport.inline and not self._id(words):
             self._errors.refuse(_INCOMPATIBLE)
@@ -114,7 +113,7 @@ class Server(_Half):
     def _on_received(self, received: ReceivedCall) -> None:
         if self._closed:
             return
-        if why := self._request_identity.refusal(type_hash_of(received.words)):
+        if why := self._request_identity.refusal(received.words.get("typehash", "")):
             self._errors.refuse(why)
         elif not self._id(received.words) and not self._transport.inline:
             self._errors.refuse(_INCOMPATIBLE)
@@ -172,7 +171,7 @@ class Client(_Half):
         self.pair = transport.pair(self._responses, self._requests, self._on_peer)
         self.pair.listen(self._on_received, self._name)
 
-    def _on_peer(self, words: list[str], is_writer: bool) -> None:
+    def _on_peer(self, words: dict[str, str], is_writer: bool) -> None:
         if not is_writer and not self._transport.inline and not self._id(words):
             self._report_incompatible()
 
@@ -196,7 +195,7 @@ class Client(_Half):
         finally:
             self._waiting.pop(call, None)
 
-    def _inline(self, servers: list[list[str]]) -> bool:
+    def _inline(self, servers: list[dict[str, str]]) -> bool:
         """Return True if the servers require inline identities. `servers` has the user data of each server.
 
         Raises NoAnswer if a server is incompatible, or if only some of the servers require inline identities.
@@ -205,7 +204,7 @@ class Client(_Half):
         if incompatible and not self._transport.inline:
             raise NoAnswer(_INCOMPATIBLE)
         for words in servers:
-            if why := self._request_identity.refusal(type_hash_of(words)):
+            if why := self._request_identity.refusal(words.get("typehash", "")):
                 raise NoAnswer(why)
         if incompatible and len(incompatible) < len(servers):
             raise NoAnswer(_BOTH)
@@ -223,7 +222,7 @@ class Client(_Half):
         call, answer = _split(received.cdr) if self._id(received.words) else (received.call, received.cdr)
         with self._sending:
             caller = self._waiting.pop(call, None)
-        if caller and (why := self._response_identity.refusal(type_hash_of(received.words))):
+        if caller and (why := self._response_identity.refusal(received.words.get("typehash", ""))):
             caller.set_exception(NoAnswer(why))
         elif caller:
             caller.set_result(answer)
