@@ -5,7 +5,6 @@ Source: actionlib_msgs, and the documentation and the Python code of actionlib 1
 
 from __future__ import annotations
 
-import itertools
 import threading
 import time
 import uuid
@@ -133,11 +132,8 @@ class _Server:
         message = self._status.new()
         message.header.stamp = set_clock(message.header.stamp, self._backend.now())
         with self._lock:
-            now = time.monotonic()
-            for key in [
-                key for key, goal in self._goals.items() if goal.ended and now - goal.ended > _LISTED_AFTER_END
-            ]:
-                del self._goals[key]
+            since = time.monotonic() - _LISTED_AFTER_END
+            self._goals = {key: goal for key, goal in self._goals.items() if not goal.ended or goal.ended >= since}
             message.status_list = [
                 SimpleNamespace(goal_id=goal.goal_id, status=goal.status, text="") for goal in self._goals.values()
             ]
@@ -165,7 +161,6 @@ class _Client:
     def __init__(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> None:
         topics = _ActionTopics(wire)
         self._backend = backend
-        self._numbers = itertools.count(1)
         self._sent: dict[str, _Sent] = {}
         self._lock = threading.Lock()
         self._last_status_at = -_SERVER_TIMEOUT
@@ -175,7 +170,7 @@ class _Client:
         backend.subscribe(topics.result, self._take_result, errors)
 
     def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], object] | None:
-        key = f"shmgen-{uuid.uuid4().hex}-{next(self._numbers)}"
+        key = f"shmgen-{uuid.uuid4().hex}"
         message = self._goal.new()
         message.header.stamp = set_clock(message.header.stamp, self._backend.now())
         message.goal_id.stamp = set_clock(message.goal_id.stamp, self._backend.now())

@@ -244,10 +244,7 @@ class ActionInterface:
 
 
 _UUID = create_message(TypeName("unique_identifier_msgs", "msg", "UUID"), {"uuid": Array(Scalar.UINT8, 16)})
-_INFO = create_message(
-    TypeName("action_msgs", "msg", "GoalInfo"),
-    {"goal_id": Ref(TypeName("unique_identifier_msgs", "msg", "UUID")), "stamp": Clock.TIME},
-)
+_INFO = create_message(TypeName("action_msgs", "msg", "GoalInfo"), {"goal_id": Ref(_UUID.name), "stamp": Clock.TIME})
 _STATUS = create_message(
     TypeName("action_msgs", "msg", "GoalStatus"), {"goal_info": Ref(_INFO.name), "status": Scalar.INT8}
 )
