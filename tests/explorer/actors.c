@@ -33,7 +33,7 @@ static void *main_stack;
 static long steps;
 
 int allowed[BUDGETS], left[BUDGETS], self, stalls;
-bool quiet, printing;
+bool without_steps, printing;
 int64_t now, limit;
 uint64_t check_values[CHECK_VALUES];
 char failure[256], scene_settings[512];
@@ -192,7 +192,7 @@ static void stall(void)
 void pick_next_actor(bool yields)
 {
     const int me = self;
-    if (quiet)
+    if (without_steps)
         return;
     actors[me].steps++;
     if (++steps > STEPS)
@@ -229,7 +229,7 @@ int sleep_until(int64_t until, const sleep_word *words, int count)
 {
     actor *me = &actors[self];
     int which = -1;
-    if (quiet) {
+    if (without_steps) {
         now = until;
         return -1;
     }
@@ -269,7 +269,7 @@ static int index_of_wake_word(const actor *one, const void *word)
 int wake(const void *word, int count)
 {
     int woken = 0;
-    while (!quiet && woken < count) {
+    while (!without_steps && woken < count) {
         option sleepers[ACTORS], next;
         int found = 0;
         for (int i = 0; i < actors_count; i++)
@@ -342,7 +342,7 @@ void fail(const char *format, ...)
         va_end(values);
     }
     trace("** %s", failure);
-    if (!quiet)
+    if (!without_steps)
         end_schedule();
 }
 
@@ -363,9 +363,9 @@ long run_actors(void)
         reset(&actors[i]);
         first[i] = (option){'>', i};
     }
-    quiet = true;
+    without_steps = true;
     set_up();
-    quiet = false;
+    without_steps = false;
     limit = setting("ms", 0) != 0 ? now + setting("ms", 0) * MS : 0;
     self = choose(first, actors_count).which;
     switch_stack(&main_stack, actors[self].stack);

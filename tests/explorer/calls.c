@@ -47,12 +47,12 @@ static const shmgen_link *opening_link(const shmgen_block *block)
 /* Open the files of the region without steps. With opening=1, these calls are steps. */
 static void open_without_steps(shmgen_block *block)
 {
-    const bool was_quiet = quiet;
+    const bool was_without_steps = without_steps;
     finish_access();
-    quiet = quiet || !setting("opening", 0);
-    while (quiet && block->opening && opening_link(block)->step < SHMGEN_STEP_LOCK && !shmgen_block_is_open(block))
+    without_steps = without_steps || !setting("opening", 0);
+    while (without_steps && block->opening && opening_link(block)->step < SHMGEN_STEP_LOCK && !shmgen_block_is_open(block))
         pause_ms(1);
-    quiet = was_quiet;
+    without_steps = was_without_steps;
 }
 
 /* --- a topic ----------------------------------------------------------------------------------------------- */

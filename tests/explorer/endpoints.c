@@ -20,9 +20,9 @@ static shmgen_options options(void)
 }
 
 /* Return true if the calls that open a region are not steps. They are steps only if opening=1 is set. */
-static bool is_quiet(uint32_t step)
+static bool opens_without_steps(uint32_t step)
 {
-    return quiet || (!setting("opening", 0) && step < SHMGEN_STEP_LOCK);
+    return without_steps || (!setting("opening", 0) && step < SHMGEN_STEP_LOCK);
 }
 
 /* Wait for the next cycle of opening. The wait is long, so that opening takes few cycles. */
@@ -35,15 +35,15 @@ static shmgen_status try_open_publisher(shmgen_publisher *publisher)
 {
     const shmgen_type type = type_of_pair();
     const shmgen_options region_options = options();
-    const bool was_quiet = quiet;
+    const bool was_without_steps = without_steps;
     shmgen_status status = shmgen_publisher_start(publisher, TOPIC, &type, &region_options);
     while (status == SHMGEN_OPENING) {
         const uint32_t step = publisher->end.step;
         finish_access();
-        quiet = is_quiet(step);
+        without_steps = opens_without_steps(step);
         status = shmgen_publisher_step(publisher);
         finish_access();
-        quiet = was_quiet;
+        without_steps = was_without_steps;
         if (status == SHMGEN_OPENING && publisher->end.step == step)
             wait_for(step);
     }
@@ -69,18 +69,18 @@ static shmgen_status open_subscriber(shmgen_subscriber *subscriber)
 {
     const shmgen_type type = type_of_pair();
     const shmgen_options region_options = options();
-    const bool was_quiet = quiet;
+    const bool was_without_steps = without_steps;
     shmgen_status status;
-    if (setting("start", 0) && !quiet)
+    if (setting("start", 0) && !without_steps)
         pause_ms(setting("start", 0));
     status = shmgen_subscriber_start(subscriber, TOPIC, &type, &region_options);
     while (status == SHMGEN_OPENING) {
         const uint32_t step = subscriber->end.step;
         finish_access();
-        quiet = is_quiet(step);
+        without_steps = opens_without_steps(step);
         status = shmgen_subscriber_step(subscriber);
         finish_access();
-        quiet = was_quiet;
+        without_steps = was_without_steps;
         if (status == SHMGEN_OPENING && subscriber->end.step == step)
             wait_for(step);
     }

@@ -38,7 +38,7 @@ enum { PREEMPTIONS, CRASHES, STALLS, HOLDS, BUDGETS };
 #define UNBOUNDED 90
 extern int allowed[BUDGETS], left[BUDGETS]; /* budgets of a schedule, and the rest in this schedule; HOLDS -1: no buffers */
 extern int self;                            /* the running actor */
-extern bool quiet;                          /* calls are not steps: before the actors start, and after their end */
+extern bool without_steps;                  /* calls are not steps: before the actors start, after they end */
 extern bool printing;
 extern int64_t now, limit;                  /* ns of the simulated clock; limit 0: none */
 extern int stalls;                          /* number of stalls so far */
@@ -55,7 +55,7 @@ int sleep_until(int64_t wake, const sleep_word *words, int count); /* returns th
 int wake(const void *word, int count); /* wakes at most `count` actors; returns their number */
 void observe(char what, const void *at, uint64_t value); /* adds to what this actor has read: a part of its state */
 void print_step(const char *format, ...) __attribute__((format(printf, 1, 2)));
-#define trace(...) (printing && !quiet ? print_step(__VA_ARGS__) : (void)0)
+#define trace(...) (printing && !without_steps ? print_step(__VA_ARGS__) : (void)0)
 void fail(const char *format, ...) __attribute__((format(printf, 1, 2)));
 bool is_alive(int actor);
 bool has_crashed(int actor);

@@ -310,7 +310,8 @@ int fcntl(int file, int command, ...)
         else if (locks[i].file == 0 && (slot < 0 || locks[slot].file == 0))
             slot = i;
     }
-    trace("record lock %d %s: %s", (int)wanted->l_start, wanted->l_type == F_UNLCK ? "off" : "on", free ? "done" : "held by another actor");
+    trace("record lock %d %s: %s", (int)wanted->l_start, wanted->l_type == F_UNLCK ? "off" : "on",
+        free ? "done" : "held by another actor");
     if (command == F_OFD_GETLK)
         wanted->l_type = free ? F_UNLCK : F_WRLCK;
     else if (wanted->l_type == F_UNLCK)

@@ -90,7 +90,7 @@ static void hold_stores(void)
     option counts[BUFFERED + 1];
     const int count = buffered[self];
     int held = 0;
-    if (!quiet && left[HOLDS] > 0 && count > 0) {
+    if (!without_steps && left[HOLDS] > 0 && count > 0) {
         for (int i = 0; i <= count; i++)
             counts[i] = (option){'&', i};
         held = choose(counts, count + 1).which;
@@ -131,7 +131,7 @@ static void store(void *at, uint64_t value, int size)
 {
     hold_stores();
     pick_next_actor(false);
-    if (allowed[HOLDS] >= 0 && !quiet) {
+    if (allowed[HOLDS] >= 0 && !without_steps) {
         if (buffered[self] == BUFFERED)
             flush_first_stores(self, 1);
         buffers[self][buffered[self]++] = (piece){at, value, size};

@@ -1,7 +1,7 @@
 """Scenes: the endpoints of one region, the disturbances, and the conditions that must hold afterwards.
 
-search.c explains the settings p, c, s, b and so on. All other settings are explained in the source of the endpoint that
-reads the setting: `setting("every", 0)`. In names, "C" is a C program, and "PLC" a PLC with CODESYS.
+search.c explains the settings p, c, s and b. With `crash=1` or `stall=1`, an endpoint may crash or stall. The source of
+each endpoint explains its other settings. In names, "C" is a C program, and "PLC" is a PLC with CODESYS.
 """
 
 from __future__ import annotations

@@ -143,9 +143,9 @@ static long run_once(void)
         return steps;
     if (end_states_seen != NULL)
         is_new(end_states_seen, state_hash(), &end_states);
-    quiet = true;
+    without_steps = true;
     check_end_state();
-    quiet = false;
+    without_steps = false;
     return steps;
 }
 
@@ -211,6 +211,6 @@ int main(int count, char **texts)
         fixed = depth;
         run_once();
     }
-    quiet = true; /* the blocks close their regions when the program ends */
+    without_steps = true; /* the blocks close their regions when the program ends */
     return 0;
 }
