@@ -245,9 +245,9 @@ static void a_notifier_watches_more_than_one_futex_wait_takes(void)
         CHECK(shmgen_notifier_add(&notifier, &many[index]) == SHMGEN_OK);
     }
     publish(1);
-    for (size_t found = 0; found < sizeof many / sizeof *many;)
+    for (size_t done = 0; done < sizeof many / sizeof *many;)
         if (is_readable(&notifier, 5000) && shmgen_notifier_next(&notifier) != NULL)
-            found++;
+            done++;
     CHECK(shmgen_notifier_next(&notifier) == NULL);
     shmgen_notifier_close(&notifier);
 }

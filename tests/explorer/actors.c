@@ -271,13 +271,13 @@ int wake(const void *word, int count)
     int woken = 0;
     while (!without_steps && woken < count) {
         option sleepers[ACTORS], next;
-        int found = 0;
+        int sleeper_count = 0;
         for (int i = 0; i < actors_count; i++)
             if (index_of_wake_word(&actors[i], word) >= 0)
-                sleepers[found++] = (option){'*', i};
-        if (found == 0)
+                sleepers[sleeper_count++] = (option){'*', i};
+        if (sleeper_count == 0)
             break;
-        next = found <= count - woken ? sleepers[0] : choose(sleepers, found);
+        next = sleeper_count <= count - woken ? sleepers[0] : choose(sleepers, sleeper_count);
         actors[next.which].woken = index_of_wake_word(&actors[next.which], word) + 1;
         trace("wakes %c", 'A' + next.which);
         woken++;

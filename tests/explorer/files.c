@@ -51,10 +51,10 @@ uint64_t files_hash(void)
 
 static bool has_locks(int file)
 {
-    bool found = false;
+    bool has_lock = false;
     for (int i = 0; i < LOCKS; i++)
-        found = found || locks[i].file == file - FIRST_FD + 1;
-    return found;
+        has_lock = has_lock || locks[i].file == file - FIRST_FD + 1;
+    return has_lock;
 }
 
 static void forget_locks(int file)
@@ -147,34 +147,34 @@ static int return_with(int result, int error)
 
 int shm_open(const char *name, int flags, mode_t mode)
 {
-    int found, file = self * DESCRIPTORS;
+    int index, file = self * DESCRIPTORS;
     (void)mode;
     opening_step();
-    found = find_inode(name);
+    index = find_inode(name);
     if (setting("opening", 0))
-        trace("opens %s%s: %s", name, flags & O_CREAT ? " or creates" : "", found < 0 ? "missing" : "exists");
-    if (found < 0 && !(flags & O_CREAT))
+        trace("opens %s%s: %s", name, flags & O_CREAT ? " or creates" : "", index < 0 ? "missing" : "exists");
+    if (index < 0 && !(flags & O_CREAT))
         return return_with(-1, ENOENT);
-    if (found >= 0 && flags & O_EXCL)
+    if (index >= 0 && flags & O_EXCL)
         return return_with(-1, EEXIST);
-    if (found < 0)
-        found = create_inode(name, 0);
+    if (index < 0)
+        index = create_inode(name, 0);
     while (file < (self + 1) * DESCRIPTORS && descriptors[file] != 0)
         file++;
     if (file == (self + 1) * DESCRIPTORS)
         fail("more than %d descriptors", DESCRIPTORS);
-    descriptors[file] = (int8_t)(found + 1);
+    descriptors[file] = (int8_t)(index + 1);
     return return_with(FIRST_FD + file, 0);
 }
 
 int shm_unlink(const char *name)
 {
-    int found;
+    int index;
     opening_step();
-    found = find_inode(name);
-    if (found >= 0)
-        inodes[found].linked = 0;
-    return return_with(found >= 0 ? 0 : -1, ENOENT);
+    index = find_inode(name);
+    if (index >= 0)
+        inodes[index].linked = 0;
+    return return_with(index >= 0 ? 0 : -1, ENOENT);
 }
 
 int close(int file)
@@ -255,26 +255,26 @@ int munmap(void *address, size_t size)
 sem_t *sem_open(const char *name, int flags, ...)
 {
     char file[64];
-    int found;
+    int index;
     unsigned value = 0;
     va_list values;
     snprintf(file, sizeof file, "/sem.%s", name + 1);
     opening_step();
-    found = find_inode(file);
-    if (found < 0 && !(flags & O_CREAT))
+    index = find_inode(file);
+    if (index < 0 && !(flags & O_CREAT))
         return return_with(-1, ENOENT), SEM_FAILED;
-    if (found >= 0 && flags & O_EXCL)
+    if (index >= 0 && flags & O_EXCL)
         return return_with(-1, EEXIST), SEM_FAILED;
-    if (found < 0) {
+    if (index < 0) {
         va_start(values, flags);
         (void)va_arg(values, unsigned);
         value = va_arg(values, unsigned);
         va_end(values);
-        found = create_inode(file, sizeof(sem_t));
-        put(files[found], value, 4);
+        index = create_inode(file, sizeof(sem_t));
+        put(files[index], value, 4);
     }
-    return_with(found, 0);
-    return (sem_t *)(void *)files[found];
+    return_with(index, 0);
+    return (sem_t *)(void *)files[index];
 }
 
 int sem_close(sem_t *semaphore)
@@ -285,39 +285,39 @@ int sem_close(sem_t *semaphore)
 
 /* --- open-file record locks -------------------------------------------------------------------------------- */
 
-static bool excludes(int lock, int file, const struct flock *wanted)
+static bool excludes(int lock, int file, const struct flock *requested)
 {
-    return locks[lock].file != 0 && locks[lock].file != file - FIRST_FD + 1 && locks[lock].byte == wanted->l_start &&
+    return locks[lock].file != 0 && locks[lock].file != file - FIRST_FD + 1 && locks[lock].byte == requested->l_start &&
            descriptors[locks[lock].file - 1] == descriptors[file - FIRST_FD] &&
-           (wanted->l_type == F_WRLCK || locks[lock].kind == F_WRLCK);
+           (requested->l_type == F_WRLCK || locks[lock].kind == F_WRLCK);
 }
 
 int fcntl(int file, int command, ...)
 {
-    struct flock *wanted;
+    struct flock *requested;
     va_list values;
     bool free = true;
     int slot = -1;
     va_start(values, command);
-    wanted = va_arg(values, struct flock *);
+    requested = va_arg(values, struct flock *);
     va_end(values);
     step();
     flush_stores(self);
     for (int i = LOCKS; i-- > 0;) {
-        free = free && !excludes(i, file, wanted);
-        if (locks[i].file == file - FIRST_FD + 1 && locks[i].byte == wanted->l_start)
+        free = free && !excludes(i, file, requested);
+        if (locks[i].file == file - FIRST_FD + 1 && locks[i].byte == requested->l_start)
             slot = i;
         else if (locks[i].file == 0 && (slot < 0 || locks[slot].file == 0))
             slot = i;
     }
-    trace("record lock %d %s: %s", (int)wanted->l_start, wanted->l_type == F_UNLCK ? "off" : "on",
+    trace("record lock %d %s: %s", (int)requested->l_start, requested->l_type == F_UNLCK ? "off" : "on",
         free ? "done" : "held by another actor");
     if (command == F_OFD_GETLK)
-        wanted->l_type = free ? F_UNLCK : F_WRLCK;
-    else if (wanted->l_type == F_UNLCK)
+        requested->l_type = free ? F_UNLCK : F_WRLCK;
+    else if (requested->l_type == F_UNLCK)
         locks[slot].file = 0;
     else if (free)
-        locks[slot].file = (int8_t)(file - FIRST_FD + 1), locks[slot].byte = (int8_t)wanted->l_start,
-        locks[slot].kind = (int8_t)wanted->l_type;
+        locks[slot].file = (int8_t)(file - FIRST_FD + 1), locks[slot].byte = (int8_t)requested->l_start,
+        locks[slot].kind = (int8_t)requested->l_type;
     return return_with(free || command == F_OFD_GETLK ? 0 : -1, free ? 0 : EAGAIN);
 }

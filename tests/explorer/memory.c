@@ -89,17 +89,17 @@ static void hold_stores(void)
 {
     option counts[BUFFERED + 1];
     const int count = buffered[self];
-    int held = 0;
+    int buffered = 0;
     if (!without_steps && left[HOLDS] > 0 && count > 0) {
         for (int i = 0; i <= count; i++)
             counts[i] = (option){'&', i};
-        held = choose(counts, count + 1).which;
+        buffered = choose(counts, count + 1).which;
     }
-    if (held > 0) {
+    if (buffered > 0) {
         left[HOLDS]--;
-        trace("(%d stores stay in the buffer)", held);
+        trace("(%d stores stay in the buffer)", buffered);
     }
-    flush_first_stores(self, count - held);
+    flush_first_stores(self, count - buffered);
 }
 
 /* Return the value that this actor loads: the memory, changed by the stores in the actor's own buffer. */

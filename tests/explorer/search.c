@@ -1,11 +1,11 @@
 /* Run all schedules of a scene. Each schedule starts at the first step, and ends early if it repeats a known state.
+ * Usage: `explore SETTING=NUMBER ... "ENDPOINT SETTING=NUMBER ..." ...`, with one or more endpoints.
  *
- *     explore SETTING=NUMBER ... "ENDPOINT SETTING=NUMBER ..." ...
- *
- * p, c, s: largest number of pre-emptions, crashes and stalls in a schedule. b: the same for steps before which stores are
- * held back in store buffers. seconds: limit of processor time. ms: limit of simulated time. table=0: no table of states.
- * bits: size of the table. end_states=1: count different end states. replay=SCHEDULE: run only this schedule. Endpoints
- * read all other settings. Prints one line of JSON. If a check fails, also prints the steps. */
+ * The settings `p`, `c` and `s` are the largest numbers of pre-emptions, crashes and stalls in a schedule, and `b` that
+ * of steps before which stores are held back in store buffers. The setting `seconds` limits the processor time, and `ms`
+ * the simulated time. Without a table of states, `table` is 0; `bits` is the size of the table. With `end_states=1`, the
+ * program counts different end states. With `replay=SCHEDULE`, it runs only this schedule. Endpoints read all other
+ * settings. The program prints one line of JSON and, if a check fails, also the steps. */
 #include "explorer.h"
 
 #include <stdio.h>
