@@ -529,7 +529,7 @@ FAULTS = {
     "bytes not swapped": ("wire.c", "from[size - 1 - index]", "from[index]", "codecs_equal or genpy"),
     "a text without its end": ("wire.c", "(ends && text[length - 1] != 0)", "false", "refused"),
     "a text past the bytes": ("wire.c", "|| length > wire->room - wire->at)\n", ")\n", "codecs_equal or genpy"),
-    "a bool of 2 from ROS": ("wire.c", "into[index] > 1", "into[index] > 2", "refused"),
+    "a bool of 2 from ROS": ("wire.c", "memory[index] > 1", "memory[index] > 2", "refused"),
     "seconds past ROS": ("wire.c", "parts[0] > (is_signed ? INT32_MAX : UINT32_MAX)", "false", "codecs_equal or genpy"),
 }  # fmt: skip
 """Faults to plant in the extension: the file, the old text, the new text, and the tests that detect the fault."""
