@@ -332,8 +332,6 @@ bool is_table(PyObject *object)
 }
 
 static PyMethodDef methods[] = {
-    {"encode", table_encode, METH_VARARGS, NULL},
-    {"decode", table_decode, METH_VARARGS, NULL},
     {"to_wire", (PyCFunction)(void (*)(void))table_to_wire, METH_FASTCALL, NULL},
     {"from_wire", (PyCFunction)(void (*)(void))table_from_wire, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},

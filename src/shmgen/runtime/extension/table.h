@@ -159,7 +159,5 @@ bool put_by_python(const Table *self, const Step *step, unsigned char *into, PyO
 PyObject *table_to_wire(PyObject *table, PyObject *const *arguments, Py_ssize_t count);
 PyObject *table_from_wire(PyObject *table, PyObject *const *arguments, Py_ssize_t count);
 size_t wire_most(const Step *step, const Step *end);
-PyObject *table_encode(PyObject *table, PyObject *arguments);
-PyObject *table_decode(PyObject *table, PyObject *arguments);
 
 #endif
