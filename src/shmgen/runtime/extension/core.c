@@ -16,13 +16,6 @@
 
 #define LONG_FROM 4096 /* size in bytes from which a message that is read is a view of a bytearray */
 
-/* The state of the module, separate for each interpreter. */
-typedef struct State {
-    PyObject *explain; /* returns the error for (settings, status, pid, errno) */
-    PyObject *log;     /* log(settings, status) logs why the region was recreated */
-    PyObject *reader;  /* the type Reader */
-} State;
-
 /* The settings of an endpoint. All pointers point into the Python tuple. */
 typedef struct Settings {
     PyObject *tuple, *kind, *codec;
@@ -97,20 +90,23 @@ static shmgen_status *closed_status(End *self)
     return self->writes ? &self->p.closed_status : &self->s.closed_status;
 }
 
-static State *state_of(const End *self)
+/* The module that creates errors and log messages. A call loads the module when it first needs one. */
+static PyObject *refusals(void)
 {
-    return PyType_GetModuleState(Py_TYPE(self));
+    return PyImport_ImportModule("shmgen.runtime.refusals");
 }
 
 /* Raise the Python error for the status. */
 static PyObject *raise_status(const End *self, shmgen_status status)
 {
     const int number = errno;
-    PyObject *error = PyObject_CallFunction(
-        state_of(self)->explain, "OiIi", self->of.tuple, (int)status, self->of.pid, number);
+    PyObject *module = refusals(), *error = NULL;
+    if (module != NULL)
+        error = PyObject_CallMethod(module, "refusal", "OiIi", self->of.tuple, (int)status, self->of.pid, number);
     if (error != NULL)
         PyErr_SetObject((PyObject *)Py_TYPE(error), error);
     Py_XDECREF(error);
+    Py_XDECREF(module);
     return NULL;
 }
 
@@ -151,8 +147,11 @@ static bool is_reopening(End *self, shmgen_status *status)
 /* Log why the region was recreated, which runs Python code. */
 static bool log_recreated(const End *self, uint32_t status)
 {
-    PyObject *logged = PyObject_CallFunction(state_of(self)->log, "OI", self->of.tuple, status);
+    PyObject *module = refusals(), *logged = NULL;
+    if (module != NULL)
+        logged = PyObject_CallMethod(module, "log_recreated", "OI", self->of.tuple, status);
     Py_XDECREF(logged);
+    Py_XDECREF(module);
     return logged != NULL;
 }
 
@@ -493,6 +492,11 @@ static PyObject *reader_new(PyTypeObject *type, PyObject *arguments, PyObject *P
     return NULL;
 }
 
+static bool is_reader(PyObject *object)
+{
+    return PyType_GetSlot(Py_TYPE(object), Py_tp_new) == (void *)reader_new;
+}
+
 /* Read a sample into a buffer of the message's size. Release the GIL only for a second try: the lock of the region
  * was needed and not free, or the writer was faster each time. */
 static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
@@ -739,7 +743,7 @@ static PyObject *reader_newest(PyObject *object, PyObject *Py_UNUSED(nothing))
 }
 
 /* sleep_any(readers, ns): sleep at most `ns` until a writer may have published a sample. May return early. */
-static PyObject *sleep_any(PyObject *module, PyObject *arguments)
+static PyObject *sleep_any(PyObject *Py_UNUSED(module), PyObject *arguments)
 {
     PyObject *readers;
     shmgen_subscriber **several;
@@ -747,7 +751,6 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
     Py_ssize_t count;
     shmgen_status status = SHMGEN_OK;
     const End *last = NULL;
-    const State *state = PyModule_GetState(module);
     if (!PyArg_ParseTuple(arguments, "O!L", &PyTuple_Type, &readers, &ns))
         return NULL;
     count = PyTuple_Size(readers);
@@ -756,7 +759,7 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
         return PyErr_NoMemory();
     for (Py_ssize_t index = 0; index < count; index++) {
         End *reader = (End *)PyTuple_GetItem(readers, index);
-        if ((PyObject *)Py_TYPE(reader) != state->reader) {
+        if (!is_reader((PyObject *)reader)) {
             PyMem_Free(several);
             return PyErr_Format(PyExc_TypeError, "these are for subscribers");
         }
@@ -808,8 +811,7 @@ static int notifier_init(PyObject *object, PyObject *arguments, PyObject *Py_UNU
 /* Return the reader, or NULL with an exception. */
 static End *reader_for(const Notifier *self, PyObject *reader)
 {
-    const State *state = PyType_GetModuleState(Py_TYPE(self));
-    if ((PyObject *)Py_TYPE(reader) != state->reader)
+    if (!is_reader(reader))
         PyErr_Format(PyExc_TypeError, "a notifier watches subscribers");
     else if (self->readers == NULL || self->c.fd < 0)
         PyErr_Format(PyExc_ValueError, "this notifier is closed");
@@ -1002,68 +1004,25 @@ static PyType_Slot notifier_slots[] = {
     {0, NULL},
 };
 
-static PyType_Spec specifications[] = {
-    {"shmgen._core.Writer", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, writer_slots},
-    {"shmgen._core.Reader", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, reader_slots},
-    {"shmgen._core.Notifier", (int)sizeof(Notifier), 0, Py_TPFLAGS_DEFAULT, notifier_slots},
-};
+static PyType_Spec writer_type = {"shmgen._core.Writer", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, writer_slots};
+static PyType_Spec reader_type = {"shmgen._core.Reader", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, reader_slots};
+static PyType_Spec notifier_type = {
+    "shmgen._core.Notifier", (int)sizeof(Notifier), 0, Py_TPFLAGS_DEFAULT, notifier_slots};
 
 static int fill(PyObject *module)
 {
-    State *state = PyModule_GetState(module);
-    static const char *const names[] = {"Writer", "Reader", "Notifier"};
-    for (int number = 0; number < 3; number++) {
-        PyObject *type = PyType_FromModuleAndSpec(module, &specifications[number], NULL);
-        if (type == NULL || PyModule_AddObjectRef(module, names[number], type) != 0) {
-            Py_XDECREF(type);
+    PyType_Spec *const types[] = {&writer_type, &reader_type, &notifier_type, &table_type};
+    for (size_t index = 0; index < sizeof types / sizeof types[0]; index++) {
+        PyObject *type = PyType_FromSpec(types[index]);
+        const bool is_added = type != NULL && PyModule_AddType(module, (PyTypeObject *)type) == 0;
+        Py_XDECREF(type);
+        if (!is_added)
             return -1;
-        }
-        if (number == 1)
-            state->reader = type;
-        else
-            Py_DECREF(type);
     }
-    if (table_add_type(module) != 0)
-        return -1;
     return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
 }
 
-/* explain_by(explain, log): set the functions that return the error for a status, and that log a recreated region. */
-static PyObject *explain_by(PyObject *module, PyObject *functions)
-{
-    State *state = PyModule_GetState(module);
-    PyObject *explain, *log;
-    if (!PyArg_ParseTuple(functions, "OO", &explain, &log))
-        return NULL;
-    Py_INCREF(explain);
-    Py_INCREF(log);
-    Py_XDECREF(state->explain);
-    Py_XDECREF(state->log);
-    state->explain = explain;
-    state->log = log;
-    Py_RETURN_NONE;
-}
-
-static int state_traverse(PyObject *module, visitproc visit, void *arg)
-{
-    const State *state = PyModule_GetState(module);
-    Py_VISIT(state->explain);
-    Py_VISIT(state->log);
-    Py_VISIT(state->reader);
-    return 0;
-}
-
-static int state_clear(PyObject *module)
-{
-    State *state = PyModule_GetState(module);
-    Py_CLEAR(state->explain);
-    Py_CLEAR(state->log);
-    Py_CLEAR(state->reader);
-    return 0;
-}
-
 static PyMethodDef functions[] = {
-    {"explain_by", explain_by, METH_VARARGS, NULL},
     {"sleep_any", sleep_any, METH_VARARGS, NULL},
     {"can_wait_for_many", can_wait_for_many, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
@@ -1075,7 +1034,7 @@ static PyModuleDef_Slot module_slots[] = {
 };
 
 static PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "_core", NULL, sizeof(State), functions, module_slots, state_traverse, state_clear, NULL,
+    PyModuleDef_HEAD_INIT, "_core", NULL, 0, functions, module_slots, NULL, NULL, NULL,
 };
 
 PyMODINIT_FUNC PyInit__core(void)

@@ -124,8 +124,7 @@ typedef struct codec_deferred {
     codec_buffer view;
 } codec_deferred;
 
-int table_add_type(PyObject *module);
-bool is_table(PyObject *object);
+extern PyType_Spec table_type;
 
 /* Both functions run Python code of the message, which may call the functions again. False means that an exception is
  * set. */
