@@ -104,7 +104,7 @@ class ActionClient(CallEnd, Generic[Goal, Feedback, Outcome]):
 
         After a timeout the goal continues.
         """
-        return await self._calls.wait_async(self.poll, timeout)
+        return await self._calls.incoming._poll_until_found(self.poll, timeout)
 
     def cancel(self) -> None:
         """Request that the server cancel the goal. result() then returns the outcome.

@@ -9,7 +9,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
-from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_stale, until
+from shmgen.runtime.calls import HEARTBEAT_INTERVAL, CallServer, deadline_of, log_exception, until
 from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
@@ -111,12 +111,10 @@ class ActionServer(CallEnd, Generic[Goal]):
 
     def _open(self, write: OpenRegion, read: OpenRegion) -> None:
         requests = read(self.command_subscriber, "goal")
-        skip_stale(requests)
+        requests.engine_end.skip()
         self._progress = write(self.progress_publisher, "feedback")
         responses = write(self.outcome_publisher, "result")
-        if any(claimed.engine_end.predecessor_may_be_alive for claimed in (self._progress, responses)):
-            skip_stale(requests)
-        self._calls = CallServer(requests, responses)
+        self._calls = CallServer(requests, responses, self._progress)
         self._kinds: Any = self.progress_publisher.message_type, self.outcome_publisher.message_type
         self._waiting: ServedGoal[Goal] | None = None
         self._is_unwanted = False
@@ -164,7 +162,7 @@ class ActionServer(CallEnd, Generic[Goal]):
 
     async def wait_async(self, timeout: float) -> ServedGoal[Goal] | None:
         """Return the newest goal as soon as a new goal arrives, or None after `timeout` seconds. For coroutines."""
-        return await self._calls.wait_async(self.take, timeout)
+        return await self._calls.incoming._poll_until_found(self.take, timeout, HEARTBEAT_INTERVAL)
 
     def client_lives(self) -> bool:
         """Return True if a client is running. Call this method often.
