@@ -20,11 +20,12 @@
 typedef struct Settings {
     PyObject *tuple, *kind, *codec;
     newfunc make; /* creates a message without its defaults */
-    const char *topic, *type_name, *group;
-    unsigned long long digest;
-    unsigned int size, depth, mode, pid, spin_us;
+    const char *topic;
+    shmgen_type type;
+    shmgen_options options;
+    unsigned int pid;
     long long lock_ns; /* -1 selects the default timeout */
-    int sequence, passive, history, reopen;
+    int history, reopen;
 } Settings;
 
 /* --- threads ------------------------------------------------------------------------------------------------ */
@@ -182,10 +183,12 @@ static bool read_settings(Settings *of, PyObject *arguments)
 {
     const char *word;
     PyObject *tuple, *header;
+    shmgen_type *type = &of->type;
+    shmgen_options *options = &of->options;
     if (!PyArg_ParseTuple(arguments, "O!", &PyTuple_Type, &tuple) ||
-        !PyArg_ParseTuple(tuple, "sOOsKIILIsppppIsO", &of->topic, &of->kind, &of->codec, &of->type_name, &of->digest,
-                          &of->size, &of->depth, &of->lock_ns, &of->mode, &of->group, &of->sequence, &of->passive,
-                          &of->history, &of->reopen, &of->spin_us, &word, &header))
+        !PyArg_ParseTuple(tuple, "sOOsKIILIsIIppIsO", &of->topic, &of->kind, &of->codec, &type->name, &type->digest,
+                          &type->size, &options->depth, &of->lock_ns, &options->mode, &options->group, &type->sequence,
+                          &options->passive, &of->history, &of->reopen, &options->spin_us, &word, &header))
         return false;
     of->make = (newfunc)PyType_GetSlot((PyTypeObject *)of->kind, Py_tp_new);
     of->pid = (unsigned int)getpid();
@@ -198,24 +201,10 @@ static bool read_settings(Settings *of, PyObject *arguments)
 static bool start_end(End *self, bool writes)
 {
     Settings *of = &self->of;
-    shmgen_type type;
-    shmgen_options options;
     shmgen_status status;
-    memset(&type, 0, sizeof type);
-    type.name = of->type_name;
-    type.digest = of->digest;
-    type.size = of->size;
-    type.sequence = of->sequence != 0;
-    memset(&options, 0, sizeof options);
-    options.group = of->group;
-    options.depth = of->depth;
-    options.mode = of->mode;
-    options.lock_us = of->lock_ns > 0 ? (uint32_t)((of->lock_ns + 999) / 1000) : 0;
-    options.passive = of->passive != 0;
-    options.spin_us = of->spin_us;
     self->writes = writes;
-    status = writes ? shmgen_publisher_start(&self->p, of->topic, &type, &options)
-                    : shmgen_subscriber_start(&self->s, of->topic, &type, &options);
+    status = writes ? shmgen_publisher_start(&self->p, of->topic, &of->type, &of->options)
+                    : shmgen_subscriber_start(&self->s, of->topic, &of->type, &of->options);
     if (status != SHMGEN_OPENING)
         return raise_status(self, status) != NULL;
     if (of->lock_ns >= 0)
@@ -330,7 +319,7 @@ static unsigned char *take_buffer(End *self)
 {
     unsigned char *bytes = self->buffer;
     self->buffer = NULL;
-    if (bytes == NULL && (bytes = PyMem_Malloc(self->of.size)) == NULL)
+    if (bytes == NULL && (bytes = PyMem_Malloc(self->of.type.size)) == NULL)
         PyErr_NoMemory();
     return bytes;
 }
@@ -382,7 +371,7 @@ static shmgen_status write_pieces(
         memset(into + one->offset + one->view.len, 0, one->room - (size_t)one->view.len);
         from = one->offset + one->room;
     }
-    memcpy(into + from, data + from, self->of.size - from);
+    memcpy(into + from, data + from, self->of.type.size - from);
     return shmgen_publisher_complete(&self->p);
 }
 
@@ -506,10 +495,10 @@ static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
     shmgen_status status;
     if (!acquire_guard(&self->guard))
         return SHMGEN_OPENING;
-    status = read(&self->s, into, self->of.size, 0, NULL);
+    status = read(&self->s, into, self->of.type.size, 0, NULL);
     if (limit > 0 && (status == SHMGEN_LOCK_TIMEOUT || status == SHMGEN_OVERWRITTEN)) {
         Py_BEGIN_ALLOW_THREADS
-        status = read(&self->s, into, self->of.size, limit, NULL);
+        status = read(&self->s, into, self->of.type.size, limit, NULL);
         Py_END_ALLOW_THREADS
     }
     if (is_reopening(self, &status))
@@ -527,7 +516,7 @@ static bool is_message(const End *self, shmgen_status status)
 
 static PyObject *read_long(End *self, int64_t limit, bool next)
 {
-    PyObject *data = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.size), *message = NULL;
+    PyObject *data = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.type.size), *message = NULL;
     if (data == NULL)
         return NULL;
     if (is_message(self, read_into(self, PyByteArray_AsString(data), limit, next)))
@@ -570,7 +559,7 @@ static PyObject *read_message(End *self, PyObject *left, bool next)
     }
     if (nothing_to_read(self))
         Py_RETURN_NONE; /* before a message is created */
-    message = self->of.size >= LONG_FROM ? read_long(self, limit, next) : read_short(self, limit, next);
+    message = self->of.type.size >= LONG_FROM ? read_long(self, limit, next) : read_short(self, limit, next);
     if (message == NULL && PyErr_Occurred() == NULL)
         Py_RETURN_NONE;
     return message;
@@ -611,7 +600,7 @@ static PyObject *reader_read_into(PyObject *object, PyObject *message)
         if ((PyObject *)Py_TYPE(message) != self->of.kind) {
             filled = fill_other(self, bytes, message);
         } else if (PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) == 0) {
-            memcpy(view.buf, bytes, self->of.size);
+            memcpy(view.buf, bytes, self->of.type.size);
             PyBuffer_Release(&view);
             filled = true;
         }
