@@ -123,30 +123,25 @@ static bool put_number(const Step *step, unsigned char *into, PyObject *value)
     return fits;
 }
 
-/* Read the seconds and nanoseconds of a time as integers, from attributes of these names. Return false with an
- * exception. */
-static bool parts_of(PyObject *value, PyObject *seconds_name, PyObject *nanos_name, PyObject *parts[2])
+/* Return an attribute as an integer. NULL without an exception means that there is no such attribute or integer. */
+static PyObject *whole_attribute(PyObject *value, PyObject *name)
 {
-    PyObject *names[2] = {seconds_name, nanos_name};
-    for (int index = 0; index < 2; index++) {
-        PyObject *part = PyObject_GetAttr(value, names[index]);
-        parts[index] = part != NULL ? PyNumber_Index(part) : NULL;
-        Py_XDECREF(part);
-        if (parts[index] == NULL) {
-            if (index == 1)
-                Py_CLEAR(parts[0]);
-            return false;
-        }
-    }
-    return true;
+    PyObject *part = PyObject_GetAttr(value, name), *whole = part != NULL ? PyNumber_Index(part) : NULL;
+    Py_XDECREF(part);
+    if (whole == NULL && (PyErr_ExceptionMatches(PyExc_AttributeError) || PyErr_ExceptionMatches(PyExc_TypeError)))
+        PyErr_Clear();
+    return whole;
 }
 
-static bool clear_if_none(void)
+/* Read the two parts of a time from attributes of these names. Return false if a part is missing; an exception may be
+ * set. */
+static bool parts_of(PyObject *value, PyObject *seconds_name, PyObject *nanos_name, PyObject *parts[2])
 {
-    const bool is_none = PyErr_ExceptionMatches(PyExc_AttributeError) || PyErr_ExceptionMatches(PyExc_TypeError);
-    if (is_none)
-        PyErr_Clear();
-    return is_none;
+    parts[0] = whole_attribute(value, seconds_name);
+    parts[1] = parts[0] != NULL ? whole_attribute(value, nanos_name) : NULL;
+    if (parts[1] == NULL)
+        Py_CLEAR(parts[0]);
+    return parts[1] != NULL;
 }
 
 /* Write a time of ROS 2 or ROS 1. If the time does not fit, walker.py raises the error. */
@@ -156,12 +151,9 @@ static bool put_clock(const Table *self, const Step *step, unsigned char *into, 
     int over[2] = {0, 0};
     int64_t seconds, nanos;
     bool fits;
-    if (!parts_of(value, self->tools[SEC], self->tools[NANOSEC], parts)) {
-        if (!clear_if_none())
-            return false;
-        if (!parts_of(value, self->tools[SECS], self->tools[NSECS], parts))
-            return clear_if_none() && put_by_python(self, step, into, value, index);
-    }
+    if (!parts_of(value, self->tools[SEC], self->tools[NANOSEC], parts) &&
+        (PyErr_Occurred() != NULL || !parts_of(value, self->tools[SECS], self->tools[NSECS], parts)))
+        return PyErr_Occurred() == NULL && put_by_python(self, step, into, value, index);
     seconds = PyLong_AsLongLongAndOverflow(parts[0], &over[0]);
     nanos = PyLong_AsLongLongAndOverflow(parts[1], &over[1]);
     fits = over[0] == 0 && over[1] == 0 && put_parts(step, into, seconds, nanos);
