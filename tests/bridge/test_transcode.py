@@ -224,9 +224,6 @@ def test_unset_stamp_becomes_the_current_time(session, ros1):
         encode(bytes(unset), now=lambda: 1 // 0)
 
 
-FRAME = {"frame_id": "a"}
-
-
 @pytest.mark.parametrize(
     ("name", "values", "place", "byte", "error", "text"),
     [

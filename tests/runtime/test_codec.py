@@ -122,10 +122,7 @@ TIMES = (
 
 
 class Walkers:
-    """The walkers of one message class in Python and in C, which a publisher and a subscriber use.
-
-    encode() and decode() compare their results and errors.
-    """
+    """The walkers of one message class, in C by a publisher and a subscriber. encode() and decode() compare the two."""
 
     def __init__(self, kind: Any, topic: str) -> None:
         self.kind, self.size = kind, ctypes.sizeof(kind)

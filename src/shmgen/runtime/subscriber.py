@@ -13,17 +13,49 @@ from shmgen.core import abi
 from shmgen.runtime import engine
 from shmgen.runtime.errors import Closed, Overwritten, RegionRetired
 from shmgen.runtime.messages.in_place import InPlace
-from shmgen.runtime.messages.sample import M, Sample
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.region.header import HEARTBEAT, steps
 from shmgen.runtime.region.resource import Endpoint, close_after_fork, finish
 from shmgen.runtime.region.settings import settings_for
 
+M = TypeVar("M", bound=Message)
 T = TypeVar("T")
 
 _POLL = abi.POLL_MS / 1000
 """Seconds until the next try if a sample exists but cannot be read, for example because the lock is not free."""
 _FOR_EVER = 3e9
 """Seconds: about a century, the longest timeout passed to the engine."""
+
+
+class Sample(tuple[int, int, M]):
+    """A tuple of number, stamp and message, which Subscriber.samples() yields.
+
+    ```python
+    with PoseSubscriber("/robot/pose", depth=8) as subscriber:
+        subscriber.ready(timeout=1.0)
+        for number, stamp, pose in subscriber.samples():
+            print(number, stamp, pose.position.x)
+    ```
+    """
+
+    __slots__ = ()
+
+    @property
+    def number(self) -> int:
+        """The number of this sample. The first sample of a topic has number 1.
+
+        After 2**32 - 1 the numbers restart at the number of slots.
+        """
+        return self[0]
+
+    @property
+    def stamp(self) -> int:
+        """The time of writing in ns since 1970, or 0 if the writer has no clock."""
+        return self[1]
+
+    @property
+    def message(self) -> M:
+        return self[2]
 
 
 class Subscriber(Endpoint, Generic[M]):
