@@ -62,10 +62,6 @@ class CallClient(Generic[Q, A]):
         self.number = self._requests.sequence
         return self.number
 
-    def send_one_way(self, message: Any) -> None:
-        """Send a message that requests no response. Raises the errors of Publisher.publish()."""
-        self._requests.publish(message)
-
     def poll(self) -> A | None:
         """Return the response to the pending request, or None if the response has not arrived. Do not wait.
 
