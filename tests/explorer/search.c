@@ -1,8 +1,8 @@
 /* Run all schedules of a scene. Each schedule starts at the first step, and ends early if it repeats a known state.
  * Usage: `explore SETTING=NUMBER ... "ENDPOINT SETTING=NUMBER ..." ...`, with one or more endpoints.
  *
- * The settings `p`, `c` and `s` are the largest numbers of pre-emptions, crashes and stalls in a schedule, and `b` that
- * of steps before which stores are held back in store buffers. The setting `seconds` limits the processor time, and `ms`
+ * The settings `p`, `c` and `s` are the largest numbers of pre-emptions, crashes and stalls in a schedule. `b` is
+ * the largest number of steps before which stores are held back in store buffers. The setting `seconds` limits the processor time, and `ms`
  * the simulated time. Without a table of states, `table` is 0; `bits` is the size of the table. With `end_states=1`, the
  * program counts different end states. With `replay=SCHEDULE`, it runs only this schedule. Endpoints read all other
  * settings. The program prints one line of JSON and, if a check fails, also the steps. */
