@@ -31,7 +31,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from subprocess import DEVNULL
 
-from peers import WAYS, generated, networks, remove
+from peers import LIBRARIES, generated, networks, remove
 
 from shmgen.core.plural import counted
 
@@ -85,14 +85,14 @@ def child(role: str, way: str, mode: str, size: int, name: str, seconds: float) 
     The receiver prints the median age and its 99th percentile in ns, its CPU time in %, and the number of samples.
     """
     if role == "send":
-        send = WAYS[way](role, mode, size, name)
+        send = LIBRARIES[way](role, mode, size, name)
         due = time.monotonic()
         while True:
             now = time.monotonic()
             due = max(due + 1 / SIZES[size], now)
             time.sleep(due - now)
             send(time.monotonic_ns())
-    receive = WAYS[way](role, mode, size, name)
+    receive = LIBRARIES[way](role, mode, size, name)
     print("ready", flush=True)
     ages: list[int] = []
     end = time.monotonic() + 10
@@ -206,7 +206,7 @@ def _floor(*command: object) -> list[float]:
 def _present(only: list[str]) -> tuple[list[str], list[str]]:
     """Return the versions of the libraries, or that a library is not installed, and the names of those to measure."""
     versions, ways = [], []
-    for way in WAYS:
+    for way in LIBRARIES:
         if only and way not in only and way != "shmgen":
             continue
         package = networks.PACKAGES.get(way)

@@ -55,7 +55,7 @@ def test_sample_survives_a_killed_c_writer(demo: Demo, tmp_path: Path, topic: st
 
     def publish(number: int, instruction: int) -> None:
         getattr(library, f"{language}_open")(topic.encode())
-        getattr(library, f"{language}_say")(ctypes.c_uint32(number))
+        getattr(library, f"{language}_set_message")(ctypes.c_uint32(number))
         steps.killed_at(instruction, getattr(library, f"{language}_try_publish"))
 
     steps.counted(steps._counter().nothing)  # skips if this machine cannot count instructions

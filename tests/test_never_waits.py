@@ -150,7 +150,7 @@ class Ends:
     def __init__(self, library: ctypes.CDLL, language: str, topic: str) -> None:
         self.library, self.language = library, language
         self.call("open", topic.encode())
-        assert ctypes.c_int.in_dll(library, "said").value == 0
+        assert ctypes.c_int.in_dll(library, "last_status").value == 0
         for name, _ in C:
             self.call(name)
 

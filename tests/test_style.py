@@ -52,22 +52,34 @@ def test_number_of_findings_does_not_grow() -> None:
     assert {kind: counts[kind] for kind in MOST} == MOST, "fewer than before: write the lower numbers into MOST"
 
 
-FOLDERS = ("src", "packaging", "benchmarks", "docs", "tests", "examples")
-
-
-def python_files() -> list[Path]:
-    """Return all Python files, except generated ones in tests/cases and files that tests add."""
-    files = (*REPOSITORY.glob("*.py"), *(file for folder in FOLDERS for file in (REPOSITORY / folder).rglob("*.py")))
-    return sorted(file for file in files if not {"cases", "added", "build"} & set(file.parts))
+FOLDERS = ("src", "templates", "packaging", "benchmarks", "docs", "tests", "examples", "contrib", ".ci", ".github")
+OTHERS = {"cases", "added", "build", "errors", "expected"}
+"""Folders with generated files, with faulty input for tests, or with files that tests add."""
+C_LIKE = (".h", ".hpp", ".st", ".c", ".cpp", ".j2", ".pml", ".js", ".css")
+WITH_HASH = (".toml", ".yml", ".yaml", ".cmake", ".sh", "Makefile", "Dockerfile", "run")
+"""Endings of files whose comments begin with `#`."""
 
 
 def all_findings() -> Iterator[Finding]:
-    for file in python_files():
-        yield from python_findings(file)
-    for folder, endings in (("templates", (".h", ".hpp", ".st", ".c", ".cpp", ".j2")), ("src", (".c", ".h"))):
-        for file in sorted((REPOSITORY / folder).rglob("*")):
-            if file.suffix in endings:
-                yield from comment_findings(file)
+    files = (file for folder in FOLDERS for file in (REPOSITORY / folder).rglob("*"))
+    for file in sorted([*REPOSITORY.glob("*"), *files]):
+        if OTHERS & set(file.parts) or not file.is_file():
+            continue
+        if file.suffix == ".py":
+            yield from python_findings(file)
+        elif file.suffix in C_LIKE:
+            yield from comment_findings(file)
+        elif file.name.endswith(WITH_HASH):
+            yield from hash_findings(file)
+
+
+def hash_findings(file: Path) -> Iterator[Finding]:
+    """Yield the findings in comments that begin with `#`. Comments in lines that follow each other are one comment."""
+    text = re.sub(r"\n[ \t]*#[ \t]*(?=[a-z`(])", " ", file.read_text())
+    for match in re.finditer(r"(?:^|\s)#+ ([^\n]*)", text):
+        yield from prose_findings(
+            f"{file.relative_to(REPOSITORY)}:{text.count(chr(10), 0, match.start()) + 1}", match[1]
+        )
 
 
 STRING_OR_COMMENT = re.compile(

@@ -102,7 +102,7 @@ def test_uploaded_zip_is_unpacked_by_packages(generator: Any, above: str, packag
     with zipfile.ZipFile(target, "w") as archive:
         for path in ("msg/Job.msg", "srv/Stop.srv", "package.xml", "CMakeLists.txt"):
             archive.writestr(f"{above}{path}", "# text\n")
-    files = generator.unzipped("upload.zip", target.getvalue())
+    files = generator.unpack_zip("upload.zip", target.getvalue())
     assert sorted(files) == [f"{package}/{path}" for path in ("msg/Job.msg", "package.xml", "srv/Stop.srv")]
 
 

@@ -1,9 +1,9 @@
 """The libraries to compare, each as a function that returns the sender or the receiver of a stream of bytes.
 
-Each function has the form `way(role, mode, size, name)`. For the `role` "send", it returns `send(ns)`. For "receive",
-it returns `receive()`, which returns ns or None. A message has `size` bytes and begins with a time in nanoseconds.
-`mode` selects how the receiver waits: "spin" returns None at once, "event" sleeps until a message arrives, "poll"
-sleeps 1 ms between two checks.
+Each function has the form `library(role, mode, size, name)`. For the `role` "send", it returns `send(ns)`. For
+"receive", it returns `receive()`, which returns ns or None. A message has `size` bytes and begins with a time in
+nanoseconds. `mode` selects how the receiver waits: "spin" returns None at once, "event" sleeps until a message arrives,
+"poll" sleeps 1 ms between two checks.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from publish import PosePublisher, PoseSubscriber
 from shmgen import runtime
 
 from . import networks
-from .payload import POSE, STAMP, decoder, encoder, pose, touched
+from .payload import POSE, STAMP, decoder, encoder, pose, read_all_bytes
 
 
 def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
@@ -53,8 +53,8 @@ def shmgen(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
         return send
     reader = subscriber(topic)
-    look = {"spin": reader.read, "event": lambda: reader.wait(1), "poll": lambda: time.sleep(0.001) or reader.read()}
-    read = look[mode]
+    reads = {"spin": reader.read, "event": lambda: reader.wait(1), "poll": lambda: time.sleep(0.001) or reader.read()}
+    read = reads[mode]
 
     def receive() -> int | None:
         message = read()
@@ -76,7 +76,7 @@ def shmgen_in_place(role: str, mode: str, size: int, name: str) -> Callable[...,
             return None
         with suppress(runtime.Overwritten), reader.borrow() as message:
             if message is not None:
-                touched(message.data)
+                read_all_bytes(message.data)
                 return int(message.stamp)
         return None
 
@@ -88,12 +88,12 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
     The code uses the fastest means of Python: the semaphore of multiprocessing, and `pack_into` directly into the map.
     """
-    size_of = 4096 + 2 * size
-    memory = posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREAT, size=size_of)
+    region_size = 4096 + 2 * size
+    memory = posix_ipc.SharedMemory("/" + name, posix_ipc.O_CREAT, size=region_size)
     lock, event = _semaphore(name, 1), _semaphore(f"{name}-event", 0)
-    map = mmap.mmap(memory.fd, size_of)
-    words = memoryview(map).cast("I")
-    places = [4096, 4096 + size]
+    mapping = mmap.mmap(memory.fd, region_size)
+    header = memoryview(mapping).cast("I")
+    slot_offsets = [4096, 4096 + size]
     if role == "send":
         message, data = pose(), bytes(size - 8)
         number = 0
@@ -101,19 +101,19 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         def send(stamp: int) -> None:
             nonlocal number
             number += 1
-            at = places[number & 1]
+            offset = slot_offsets[number & 1]
             lock.acquire(True, 0.01)
             if size == 56:
                 p, q = message.position, message.orientation
                 p.x = float(stamp)
-                POSE.pack_into(map, at, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+                POSE.pack_into(mapping, offset, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
             else:
-                STAMP.pack_into(map, at, stamp)
-                map[at + 8 : at + size] = data
-            words[0] = number
+                STAMP.pack_into(mapping, offset, stamp)
+                mapping[offset + 8 : offset + size] = data
+            header[0] = number
             lock.release()
-            if words[1]:
-                words[1] = 0
+            if header[1]:
+                header[1] = 0
                 event.release()
 
         return send
@@ -124,16 +124,17 @@ def by_hand(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         nonlocal last
         if mode == "poll":
             time.sleep(0.001)
-        elif mode == "event" and words[0] == last:
-            words[1] = 1
-            if words[0] == last:
+        elif mode == "event" and header[0] == last:
+            header[1] = 1
+            if header[0] == last:
                 event.acquire(True, 0.01)
-        number = words[0]
+        number = header[0]
         if number == last:
             return None
         last = number
+        offset = slot_offsets[number & 1]
         lock.acquire(True, 0.01)
-        data = map[places[number & 1] : places[number & 1] + size]
+        data = mapping[offset : offset + size]
         lock.release()
         return decode(data)
 
@@ -162,44 +163,44 @@ def _datagrams(role: str, mode: str, size: int, family: int, address: Any) -> Ca
     `settimeout` would add a system call before each receive.
     """
     piece = min(size, 32768)
-    plug = socket.socket(family, socket.SOCK_DGRAM)
+    endpoint = socket.socket(family, socket.SOCK_DGRAM)
     if role == "send":
-        plug.connect(address)
+        endpoint.connect(address)
         encode = encoder(piece)
 
         def send(stamp: int) -> None:
             data = encode(stamp)
             for _ in range(size // piece):
-                plug.send(data)
+                endpoint.send(data)
 
         return send
-    plug.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
-    plug.bind(address)
-    plug.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 1, 0))
-    plug.setblocking(mode == "event")
+    endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+    endpoint.bind(address)
+    endpoint.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 1, 0))
+    endpoint.setblocking(mode == "event")
     decode = decoder(piece)
-    got, stamp_of = 0, -1
+    piece_count, last_stamp = 0, -1
 
     def receive() -> int | None:
-        nonlocal got, stamp_of
+        nonlocal piece_count, last_stamp
         try:
-            stamp = decode(plug.recv(piece))
+            stamp = decode(endpoint.recv(piece))
         except OSError:
             return None
-        got = got + 1 if stamp == stamp_of else 1
-        stamp_of = stamp
-        return stamp if got == size // piece else None
+        piece_count = piece_count + 1 if stamp == last_stamp else 1
+        last_stamp = stamp
+        return stamp if piece_count == size // piece else None
 
     return receive
 
 
-WAYS: dict[str, Callable[..., Callable[..., Any]]] = {
+LIBRARIES: dict[str, Callable[..., Callable[..., Any]]] = {
     "shmgen": shmgen,
     "shmgen in place": shmgen_in_place,
     "by hand": by_hand,
     "UDP": udp,
     "Unix datagram": unix,
-    **networks.WAYS,
+    **networks.LIBRARIES,
 }
 
 
@@ -223,8 +224,9 @@ def _block(size: int) -> tuple[Any, Any]:
         "_size_": size,
         "_steps_": (("stamp", "uint64", 0, 8), ("data", "uint8", 8, 1, size - 8)),
     }
-    kind = type("Block", (runtime.Message,), body)
-    return tuple(type("Side", (side,), {"message_type": kind}) for side in (runtime.Publisher, runtime.Subscriber))
+    message = type("Block", (runtime.Message,), body)
+    bases = (runtime.Publisher, runtime.Subscriber)
+    return tuple(type(f"Block{base.__name__}", (base,), {"message_type": message}) for base in bases)
 
 
 def remove(name: str) -> None:

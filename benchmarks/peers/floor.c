@@ -1,6 +1,6 @@
 /* The baseline in C: two slots and a sequence number in shared memory. The reader spins or waits for a semaphore.
  *
- *   floor spin|event SIZE RATE SECONDS      prints the age of each sample in ns, then the CPU in percent of a core
+ *   floor spin|event SIZE RATE SECONDS   prints the age of each sample in ns, then the CPU time in percent of a core
  */
 #define _GNU_SOURCE
 #include <semaphore.h>
@@ -16,12 +16,13 @@
 #include <unistd.h>
 
 struct shared {
-    _Atomic uint32_t completed;
-    _Atomic uint32_t stop;
+    _Atomic uint32_t last_number; /* of the newest complete sample; its parity selects the slot */
+    _Atomic uint32_t stop;        /* 1: the writer has ended */
     sem_t event;
     uint64_t slots[];
 };
 
+/* Return the time in ns of the monotonic clock, which all processes share. */
 static uint64_t now(void)
 {
     struct timespec t;
@@ -29,25 +30,26 @@ static uint64_t now(void)
     return t.tv_sec * 1000000000ull + t.tv_nsec;
 }
 
-int main(int count, char **arguments)
+int main(int argc, char **argv)
 {
-    if (count != 5)
+    if (argc != 5)
         return 2;
-    int event = !strcmp(arguments[1], "event");
-    size_t size = strtoul(arguments[2], 0, 10);
-    double rate = atof(arguments[3]), seconds = atof(arguments[4]);
-    struct shared *shared = mmap(0, sizeof *shared + 2 * size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    int event = !strcmp(argv[1], "event");
+    size_t size = strtoul(argv[2], 0, 10);
+    double rate = atof(argv[3]), seconds = atof(argv[4]);
+    struct shared *shared =
+        mmap(0, sizeof *shared + 2 * size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     sem_init(&shared->event, 1, 0);
-    uint64_t *own = calloc(1, size);
+    uint64_t *sample = calloc(1, size);
     if (fork() == 0) {
         uint64_t period = 1e9 / rate, due = now();
         for (uint32_t number = 1; number <= seconds * rate; number++) {
             due += period;
-            struct timespec until = {due / 1000000000, due % 1000000000};
-            clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, 0);
-            own[0] = now();
-            memcpy((char *)shared->slots + number % 2 * size, own, size);
-            atomic_store(&shared->completed, number);
+            struct timespec due_time = {due / 1000000000, due % 1000000000};
+            clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due_time, 0);
+            sample[0] = now();
+            memcpy((char *)shared->slots + number % 2 * size, sample, size);
+            atomic_store(&shared->last_number, number);
             if (event)
                 sem_post(&shared->event);
         }
@@ -55,21 +57,22 @@ int main(int count, char **arguments)
         sem_post(&shared->event);
         _exit(0);
     }
-    uint64_t began = now();
+    uint64_t start = now();
     for (uint32_t last = 0; !atomic_load(&shared->stop);) {
         if (event)
             sem_wait(&shared->event);
-        uint32_t number = atomic_load(&shared->completed);
+        uint32_t number = atomic_load(&shared->last_number);
         if (number == last)
             continue;
-        memcpy(own, (char *)shared->slots + number % 2 * size, size);
-        printf("%lu\n", (unsigned long)(now() - own[0]));
+        memcpy(sample, (char *)shared->slots + number % 2 * size, size);
+        printf("%lu\n", (unsigned long)(now() - sample[0]));
         last = number;
     }
-    struct rusage used;
-    getrusage(RUSAGE_SELF, &used);
-    double busy = used.ru_utime.tv_sec + used.ru_stime.tv_sec + (used.ru_utime.tv_usec + used.ru_stime.tv_usec) / 1e6;
-    printf("%f\n", busy / ((now() - began) / 1e9) * 100);
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    double cpu_seconds =
+        usage.ru_utime.tv_sec + usage.ru_stime.tv_sec + (usage.ru_utime.tv_usec + usage.ru_stime.tv_usec) / 1e6;
+    printf("%f\n", cpu_seconds / ((now() - start) / 1e9) * 100);
     wait(0);
     return 0;
 }

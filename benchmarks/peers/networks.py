@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from .payload import Pose, block, decoder, encoder, filler, touched
+from .payload import Pose, block, decoder, encoder, filler, read_all_bytes
 
 
 def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
@@ -24,10 +24,10 @@ def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     import iceoryx2 as iox
 
     iox.set_log_level(iox.LogLevel.Fatal)
-    kind = Pose if size == 56 else block(size)
+    structure = Pose if size == 56 else block(size)
     node = iox.NodeBuilder.new().create(iox.ServiceType.Ipc)
-    service = node.service_builder(iox.ServiceName.new(name)).publish_subscribe(kind)
-    service = service.subscriber_max_buffer_size(1).open_or_create()  # the newest sample only, like all other ways
+    service = node.service_builder(iox.ServiceName.new(name)).publish_subscribe(structure)
+    service = service.subscriber_max_buffer_size(1).open_or_create()  # the newest sample only, like all other libraries
     event = node.service_builder(iox.ServiceName.new(name)).event().open_or_create()
     if role == "send":
         publisher = service.publisher_builder().create()
@@ -55,7 +55,7 @@ def iceoryx2(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         message = sample.payload().contents
         stamp = int(message.x if size == 56 else message.stamp)
         if size > 4096:
-            touched(message.data)
+            read_all_bytes(message.data)
         sample.delete()
         return stamp
 
@@ -137,19 +137,19 @@ def pyzmq(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
     context = zmq.Context()
     if role == "send":
-        plug = context.socket(zmq.PUSH)
-        plug.connect(f"ipc://@{name}")
+        endpoint = context.socket(zmq.PUSH)
+        endpoint.connect(f"ipc://@{name}")
         encode = encoder(size)
-        return lambda stamp: plug.send(encode(stamp))
-    plug = context.socket(zmq.PULL)
-    plug.bind(f"ipc://@{name}")
-    plug.setsockopt(zmq.RCVTIMEO, 1000)
+        return lambda stamp: endpoint.send(encode(stamp))
+    endpoint = context.socket(zmq.PULL)
+    endpoint.bind(f"ipc://@{name}")
+    endpoint.setsockopt(zmq.RCVTIMEO, 1000)
     decode = decoder(size)
     flags = 0 if mode == "event" else zmq.NOBLOCK
 
     def receive() -> int | None:
         try:
-            return decode(plug.recv(flags))
+            return decode(endpoint.recv(flags))
         except zmq.Again:
             return None
 
@@ -162,12 +162,12 @@ def modbus(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
 
     port = 40000 + sum(name.encode()) * 31 % 20000
     if role == "send":
-        plug = client.ModbusTcpClient("127.0.0.1", port=port)
+        endpoint = client.ModbusTcpClient("127.0.0.1", port=port)
         end = time.monotonic() + 10
-        while not plug.connect() and time.monotonic() < end:
+        while not endpoint.connect() and time.monotonic() < end:
             time.sleep(0.05)
         encode, registers = encoder(size), struct.Struct(f">{size // 2}H")
-        return lambda stamp: plug.write_registers(0, list(registers.unpack(encode(stamp))))
+        return lambda stamp: endpoint.write_registers(0, list(registers.unpack(encode(stamp))))
     return _modbus_server(port, size)
 
 
@@ -177,12 +177,12 @@ def _modbus_server(port: int, size: int) -> Callable[[], int | None]:
 
     arrived = threading.Event()
     stamps: list[int] = []
-    decode, words = decoder(size), struct.Struct(f">{size // 2}H")
+    decode, registers_format = decoder(size), struct.Struct(f">{size // 2}H")
 
     async def action(code: int, start: int, *rest: Any) -> None:
-        written = rest[-1]
-        if written:
-            stamps.append(decode(words.pack(*written)))
+        written_registers = rest[-1]
+        if written_registers:
+            stamps.append(decode(registers_format.pack(*written_registers)))
             arrived.set()
 
     registers = SimData(0, values=[0] * (size // 2), datatype=DataType.REGISTERS)
@@ -240,11 +240,11 @@ def opcua(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
         )
         await variable.set_writable()
 
-        async def written(_: Any, value: Any) -> None:
+        async def on_write(_: Any, value: Any) -> None:
             stamps.append(decode(value.Value.Value))
             arrived.set()
 
-        server.iserver.aspace.add_datachange_callback(variable.nodeid, ua.AttributeIds.Value, written)
+        server.iserver.aspace.add_datachange_callback(variable.nodeid, ua.AttributeIds.Value, on_write)
         await server.start()
         return server
 
@@ -259,7 +259,7 @@ def opcua(role: str, mode: str, size: int, name: str) -> Callable[..., Any]:
     return receive
 
 
-WAYS: dict[str, Callable[..., Callable[..., Any]]] = {
+LIBRARIES: dict[str, Callable[..., Callable[..., Any]]] = {
     "iceoryx2": iceoryx2,
     "cyclonedds": cyclonedds,
     "eclipse-zenoh": zenoh,

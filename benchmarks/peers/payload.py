@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from publish import Pose as Generated
+from publish import Pose as GeneratedPose
 
 STAMP = struct.Struct("<Q")
 POSE = struct.Struct("<7d")
@@ -34,17 +34,17 @@ def filler(size: int) -> Callable[[Any, int], None]:
     if size == 56:
         message = pose()
 
-        def fill(into: Any, stamp: int) -> None:
+        def fill(target: Any, stamp: int) -> None:
             p, q = message.position, message.orientation
             p.x = float(stamp)
-            POSE.pack_into(into, 0, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+            POSE.pack_into(target, 0, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
 
         return fill
     data = bytes(size - 8)
 
-    def fill_block(into: Any, stamp: int) -> None:
-        into.stamp = stamp
-        ctypes.memmove(into.data, data, size - 8)
+    def fill_block(target: Any, stamp: int) -> None:
+        target.stamp = stamp
+        ctypes.memmove(target.data, data, size - 8)
 
     return fill_block
 
@@ -72,14 +72,14 @@ def encoder(size: int) -> Callable[[int], bytes]:
 def decoder(size: int) -> Callable[[bytes], int]:
     """Return a function that decodes a message and returns its stamp. 1 MiB stays as bytes, without a second copy."""
     if size == 320:
-        kind = block(size)
-        return lambda data: int(kind.from_buffer_copy(data).stamp)
+        structure = block(size)
+        return lambda data: int(structure.from_buffer_copy(data).stamp)
     if size != 56:
         return lambda data: int(STAMP.unpack_from(data)[0])
-    return lambda data: int(Generated.from_buffer_copy(data).position.x)
+    return lambda data: int(GeneratedPose.from_buffer_copy(data).position.x)
 
 
-def touched(data: Any) -> None:
+def read_all_bytes(data: Any) -> None:
     """Read all bytes of a sample in place, eight at a time, like a program that uses the bytes."""
     import numpy
 
@@ -88,5 +88,5 @@ def touched(data: Any) -> None:
 
 def pose() -> Any:
     """Return a Pose with the attributes of an rclpy message, without rclpy."""
-    turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
-    return SimpleNamespace(position=SimpleNamespace(x=0.0, y=2.0, z=3.0), orientation=turn)
+    orientation = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    return SimpleNamespace(position=SimpleNamespace(x=0.0, y=2.0, z=3.0), orientation=orientation)

@@ -115,7 +115,7 @@ def _message(name: TypeName, layouts: Layouts) -> dict[str, Any]:
     return {**layout, "type": name.short, "svg": drawing}
 
 
-def zipped(state: dict[str, Any], files: dict[str, str]) -> bytes:
+def pack_zip(state: dict[str, Any], files: dict[str, str]) -> bytes:
     """Return a zip of the generated files, below `generated/`, beside the definitions and the shmgen.toml."""
     content = {f"generated/{path}": text for path, text in files.items()}
     content |= {**state["files"], "shmgen.toml": toml(state)}
@@ -126,7 +126,7 @@ def zipped(state: dict[str, Any], files: dict[str, str]) -> bytes:
     return target.getvalue()
 
 
-def unzipped(name: str, content: bytes) -> dict[str, str]:
+def unpack_zip(name: str, content: bytes) -> dict[str, str]:
     """Return the definitions and package.xml files of a zip: path, from the folder of the package on -> text.
 
     `name` is the zip's own name; it names the package if the zip holds msg/, srv/ or action/ at its top. Raise

@@ -1,4 +1,5 @@
-// Runs Python, and shmgen in it, beside the page. Each message { id, call, args } is answered with { id, result } or { id, error }.
+// Runs Python with shmgen in a thread of its own, so that the page stays responsive. Answers each message { id, call, args } with
+// { id, result } or { id, error }.
 let python, generator;
 
 const calls = {
@@ -14,13 +15,14 @@ const calls = {
     generator = python.pyimport("generator");
     generator.load_stores("/packages/stores");
   },
-  types: (source) => plain(generator.stored_types(source)),
-  run: (state) => plain(generator.run(python.toPy(state))),
-  zipped: (state, files) => plain(generator.zipped(python.toPy(state), python.toPy(files))),
-  unzipped: (name, content) => plain(generator.unzipped(name, python.toPy(content).tobytes())),
+  types: (source) => toJavaScript(generator.stored_types(source)),
+  run: (state) => toJavaScript(generator.run(python.toPy(state))),
+  packZip: (state, files) => toJavaScript(generator.pack_zip(python.toPy(state), python.toPy(files))),
+  unpackZip: (name, content) => toJavaScript(generator.unpack_zip(name, python.toPy(content).tobytes())),
 };
 
-function plain(value) {
+// Convert a result of Python, and free its memory.
+function toJavaScript(value) {
   const result = value.toJs({ dict_converter: Object.fromEntries });
   value.destroy();
   return result;

@@ -12,7 +12,7 @@ sys.path.insert(0, str(HERE.parent))
 
 from stage import LOOPBACK, cell  # noqa: E402 the module is in examples/
 
-SEEN, UNSEEN, GONE = "acknowledged", "not acknowledged", "gone, not acknowledged"
+ACKNOWLEDGED, UNACKNOWLEDGED, CLEARED = "acknowledged", "not acknowledged", "cleared, not acknowledged"
 
 
 def main() -> int:
@@ -31,16 +31,16 @@ def main() -> int:
             values = [f"{alarm.associated_values_[0]:g} degC" for alarm in ros.alarms]
             print(f"   {what}: {expected or 'no alarm'} {' '.join(values)} after {seconds:.3f} s", flush=True)
 
-        step("too hot, before ROS was there", temperature=UNSEEN)
+        step("too hot, before a ROS node started", temperature=UNACKNOWLEDGED)
         ros.acknowledge(1)
-        step("acknowledged", temperature=SEEN)
+        step("acknowledged", temperature=ACKNOWLEDGED)
         step("cooled down")
         bridge.kill()
         bridge.wait()
         print("   the bridge is killed; the door opens and closes", flush=True)
         time.sleep(4.5)
         here.start_bridge("dds")
-        step("the bridge is back", door=GONE)
+        step("the bridge is back", door=CLEARED)
         ros.acknowledge(2)
         step("acknowledged")
     return 0

@@ -120,7 +120,7 @@ class Supervisor:
             if self.last == expected == {alarm.source_: _message(alarm) for alarm in self.alarms}:
                 return time.monotonic() - begun
             time.sleep(0.005)
-        raise SystemExit(f"{seconds:g} s, and the pictures are {self.last} and {self.alarms}, not {expected}")
+        raise SystemExit(f"{seconds:g} s, and the alarm lists are {self.last} and {self.alarms}, not {expected}")
 
     def acknowledge(self, alarm: int) -> None:
         """Acknowledge the alarm of this number."""
@@ -129,4 +129,4 @@ class Supervisor:
 
 def _message(alarm: Alarm) -> str:
     acknowledged = "acknowledged" if alarm.acknowledged_ else "not acknowledged"
-    return acknowledged if alarm.active_ else f"gone, {acknowledged}"
+    return acknowledged if alarm.active_ else f"cleared, {acknowledged}"

@@ -37,7 +37,7 @@ class Watch:
             state = self.subscriber.wait(0.1)
             if state is not None and condition(state):
                 return state
-        sys.exit(f"{seconds:g} s and no sign of: {what}")
+        sys.exit(f"{seconds:g} s and the axes did not report {what}")
 
 
 def main(seconds: float, kills: int) -> int:
@@ -71,8 +71,8 @@ def _run(here: Cell, watch: Watch, program: Path, seconds: float, kills: int) ->
         state = watch.until(lambda state: bool(state.state == state.FAULT), "a safe stop")
         took.append(time.monotonic() - killed)
         print(
-            f"   controller killed: standstill {1000 * took[-1]:.0f} ms later; by the PLC's clock {state.silent} ms of"
-            f" silence, {state.stopped} ms to standstill",
+            f"   controller killed: standstill {1000 * took[-1]:.0f} ms later; by the PLC's clock {state.stop_delay} ms"
+            f" to the start of the stop, {state.standstill_delay} ms to standstill",
             flush=True,
         )
     with subprocess.Popen([program, "600"], stdout=subprocess.DEVNULL) as controller:

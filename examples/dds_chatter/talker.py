@@ -39,7 +39,7 @@ def main() -> int:
     """Send words to the PLC. Return 0 once it has repeated all, and a late subscriber has received its last count."""
     node = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
     talker = DataWriter(node, Topic(node, "rt/chatter", String), RELIABLE)
-    listener = DataReader(node, Topic(node, "rt/plc/heard", String), RELIABLE)
+    listener = DataReader(node, Topic(node, "rt/plc/echo", String), RELIABLE)
     deadline = time.monotonic() + TIMEOUT
     while not (talker.get_matched_subscriptions() and listener.get_matched_publications()):
         if time.monotonic() > deadline:

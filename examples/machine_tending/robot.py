@@ -41,7 +41,7 @@ class TenderState(IdlStruct, typename="machine_msgs::msg::dds_::TenderState_"):
     """machine_msgs/TenderState."""
 
     state_: byte  # rosidl declares uint8 to DDS as octet
-    last_taken_: uint32
+    last_taken_part_: uint32
 
 
 def main(seconds: float = 90.0) -> int:

@@ -33,13 +33,14 @@ def unload(request: Unload_Request) -> Unload_Response:
 
 
 def main(run: str, unloading: str) -> int:
-    """Call the press as the planner. Return 0 if the press made the requested parts and reported each failed call."""
+    """Run the planner. Return 0 if the press pressed the requested parts and each failed call was reported."""
     print(f"   robot and planner are process {os.getpid()}")
     thread = threading.Thread(target=robot, args=(unloading,))
     thread.start()
     with RunClient(run) as client:
         response = client.call(Run_Request(parts=3, force=25.0), timeout=10)
-        print(f"   3 parts with 25 kN: {response.made} made in {response.seconds:.2f} s, the robot took {parts}")
+        duration = f"{response.seconds:.2f} s"
+        print(f"   3 parts with 25 kN: {response.pressed_parts} pressed in {duration}, the robot took {parts}")
         try:
             client.call(Run_Request(parts=1, force=60.0), timeout=10)
         except CallFailed as error:
@@ -48,11 +49,13 @@ def main(run: str, unloading: str) -> int:
             client.call(Run_Request(parts=5, force=25.0), timeout=0.03)
         except CallTimeout as error:
             print(f"   5 parts within 0.03 s: {error}")
-        late = client.call(Run_Request(parts=2, force=25.0), timeout=10)
-        print(f"   2 parts: {late.made} made; this response is not the late result of the previous call")
+        later_response = client.call(Run_Request(parts=2, force=25.0), timeout=10)
+        count = later_response.pressed_parts
+        print(f"   2 parts: {count} pressed; this response is not the late result of the previous call")
     is_over.set()
     thread.join()
-    return 0 if response.made == 3 and late.made == 2 and parts == [1, 2, 3, 1, 2, 3, 4, 5, 1, 2] else 1
+    expected = [1, 2, 3, 1, 2, 3, 4, 5, 1, 2]
+    return 0 if response.pressed_parts == 3 and count == 2 and parts == expected else 1
 
 
 if __name__ == "__main__":

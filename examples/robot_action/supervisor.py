@@ -17,16 +17,16 @@ def main(seconds: float = 90.0) -> int:
     with TaskReportSubscriber("/robot/report") as reports:
         while time.monotonic() < deadline:
             report = reports.wait(timeout=1.0)
-            if report is None or report.entry == step:
+            if report is None or report.step_number == step:
                 continue
-            step = report.entry
+            step = report.step_number
             print(f"   PLC: step {step}: {report.message}", flush=True)
             if step == STEPS:
-                ends = report.done, report.refused, report.cancelled
+                ends = report.done_tasks, report.refused_tasks, report.cancelled_tasks
                 print(
                     "   PLC: {} tasks done, {} refused, {} cancelled,".format(*ends), f"{report.length:.1f} m of seam"
                 )
-                return 0 if ends == (3, 1, 1) and report.feedbacks > STEPS else 1
+                return 0 if ends == (3, 1, 1) and report.feedback_count > STEPS else 1
     print(f"only {step} of {STEPS} steps in {seconds} s", file=sys.stderr)
     return 1
 

@@ -17,13 +17,14 @@ def main(seconds: float = 90.0) -> int:
     with TaskReportSubscriber("/robot/report") as reports:
         while time.monotonic() < deadline:
             report = reports.wait(timeout=1.0)
-            if report is None or report.entry == step:
+            if report is None or report.step_number == step:
                 continue
-            step = report.entry
+            step = report.step_number
             print(f"   PLC: step {step}: {report.message}", flush=True)
             if step == STEPS:
-                print(f"   PLC: {report.done} tasks done, {report.refused} refused, {report.seconds:.1f} s of motion")
-                return 0 if (report.done, report.refused) == (3, 1) else 1
+                done, refused = report.done_tasks, report.refused_tasks
+                print(f"   PLC: {done} tasks done, {refused} refused, {report.seconds:.1f} s of motion")
+                return 0 if (done, refused) == (3, 1) else 1
     print(f"only {step} of {STEPS} steps in {seconds} s", file=sys.stderr)
     return 1
 

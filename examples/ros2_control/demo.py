@@ -34,8 +34,10 @@ def main() -> int:
         command = [install / "bin" / "loop", robot, str(CYCLES), "1"]
         done = subprocess.run(command, env=here.environment, capture_output=True, text=True, timeout=120, check=False)
         counts = json.loads(done.stdout.splitlines()[-1])
-        p50, p99, most = counts["us"]
-        print(f"\n   {counts['ok']} cycles, {counts['wrong']} wrong; read to write: {p50} us, p99 {p99}, max {most}")
+        p50, p99, most = counts["cycle_us"]
+        wrong = f"{counts['wrong_positions']} wrong positions"
+        delays = f"{p50} us (median), {p99} us (99 %), {most} us (longest)"
+        print(f"\n   {counts['good_cycles']} cycles, {wrong}; from read to write: {delays}")
         command[2] = "1000000"
         loop = subprocess.Popen(
             command, env=here.environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -43,8 +45,8 @@ def main() -> int:
         time.sleep(2)
         plc.kill()
         last = json.loads(loop.communicate(timeout=20)[0].splitlines()[-1])
-        print(f"   the PLC killed: `{last['failed']}` is an error in cycle {last['ok'] + 1}", flush=True)
-    return 0 if (counts["ok"], counts["wrong"], last["failed"]) == (CYCLES, 0, "read") else 1
+        print(f"   the PLC killed: `{last['failed_call']}` is an error in cycle {last['good_cycles'] + 1}", flush=True)
+    return 0 if (counts["good_cycles"], counts["wrong_positions"], last["failed_call"]) == (CYCLES, 0, "read") else 1
 
 
 def urdf(snippet: Path) -> str:

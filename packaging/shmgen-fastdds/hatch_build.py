@@ -17,8 +17,8 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 NAME = "services.so"
 FLAGS = ("-std=c++17", "-O1", "-fPIC", "-shared", "-w")
-NEEDS = "shmgen-fastdds is compiled against Fast DDS: sudo apt-get install g++ libfastrtps-dev"
-WHICH = """
+INSTALL_HINT = "shmgen-fastdds is compiled against Fast DDS: sudo apt-get install g++ libfastrtps-dev"
+LIBRARY_OPTION = """
 #if __has_include(<fastdds/config.hpp>)
 -lfastdds
 #elif __has_include(<fastrtps/config.h>)
@@ -51,9 +51,9 @@ class LibraryHook(BuildHookInterface[Any]):
 def compile_library(sources: Path, target: Path) -> None:
     """Compile services.cpp in `sources` into the library `target`. Raises RuntimeError with instructions on failure."""
     compiler = shlex.split(os.environ.get("CXX", "")) or ["g++"]
-    library = run([*compiler, "-E", "-P", "-x", "c++", "-"], WHICH).strip()
+    library = run([*compiler, "-E", "-P", "-x", "c++", "-"], LIBRARY_OPTION).strip()
     if not library:
-        raise RuntimeError(NEEDS)
+        raise RuntimeError(INSTALL_HINT)
     temporary = target.with_name(f"{NAME}.{os.getpid()}")  # processes that mapped the old library keep it
     try:
         run([*compiler, *FLAGS, "-o", str(temporary), str(sources / "services.cpp"), library])
@@ -67,7 +67,7 @@ def run(command: list[str], text: str = "") -> str:
     try:
         return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
     except OSError as error:
-        raise RuntimeError(f"no C++ compiler, {command[0]}: {error.strerror}; {NEEDS}") from error
+        raise RuntimeError(f"no C++ compiler, {command[0]}: {error.strerror}; {INSTALL_HINT}") from error
     except subprocess.CalledProcessError as error:
-        why = next((line for line in error.stderr.splitlines() if "error" in line), f"status {error.returncode}")
-        raise RuntimeError(f"{command[0]}: {why}; {NEEDS}") from error
+        reason = next((line for line in error.stderr.splitlines() if "error" in line), f"status {error.returncode}")
+        raise RuntimeError(f"{command[0]}: {reason}; {INSTALL_HINT}") from error

@@ -45,11 +45,11 @@ class Blocking(Backend):
 
         return RosPublisher(lambda: SimpleNamespace(data=False), send)
 
-    def subscribe(self, wire: Any, sink: Any) -> RosSubscription:
+    def subscribe(self, wire: Any, take: Any, errors: Any) -> RosSubscription:
         block("create", wire.name)
         return RosSubscription(lambda: SimpleNamespace(data=False))
 
-    def serve(self, wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(self, wire: Any, answer: Any, errors: Any) -> None:
         raise NotImplementedError
 
     def client(self, wire: Any) -> RosClient:

@@ -119,7 +119,7 @@ class Line:
         self.reports: list[Any] = []
         self.inside = 0
         self.most_inside = 0
-        self.new = scene.backend.subscribe(wire, self).new
+        self.new = scene.backend.subscribe(wire, self.take, _ErrorSink(self.reports)).new
         self.outlet = scene.backend.publisher(wire)
 
     def take(self, message: Any) -> None:
@@ -128,18 +128,6 @@ class Line:
         time.sleep(0.0002)
         self.messages.append(message)
         self.inside -= 1
-
-    def reject(self, why: str) -> None:
-        self.reports.append(why)
-
-    def refuse(self, why: str) -> None:
-        self.reports.append(why)
-
-    def set_incompatible_peer(self, reason: str) -> None:
-        self.reports += [reason] if reason else []
-
-    def lose(self, count: int) -> None:
-        self.reports.append(count)
 
     def text(self, text: str) -> Any:
         message = self.outlet.new()
@@ -162,6 +150,25 @@ class Line:
                 before = len(self.messages)
                 time.sleep(0.3)
         self.messages.clear()
+
+
+class _ErrorSink:
+    """An ErrorSink that appends all reports to `reports`."""
+
+    def __init__(self, reports: list[Any]) -> None:
+        self._reports = reports
+
+    def reject(self, why: str) -> None:
+        self._reports.append(why)
+
+    def refuse(self, why: str) -> None:
+        self._reports.append(why)
+
+    def set_incompatible_peer(self, reason: str) -> None:
+        self._reports += [reason] if reason else []
+
+    def lose(self, count: int) -> None:
+        self._reports.append(count)
 
 
 def until(condition: Callable[[], Any], pause: float = 0.01) -> None:
@@ -205,11 +212,11 @@ def direct_codec_delivers_equal_messages(scene: Scene) -> None:
     kind = scene.kind(name)
     line = scene.line(name, direct=scene.direct_codec_of(name))
     if type(scene.backend).__module__ not in WITHOUT_MESSAGES:
-        assert line.outlet.send_payload is None
+        assert not line.outlet.send_sample(kind())
         return
     names = ["plain", "\xe4\u2603"]
     for name in names:
-        line.outlet.send_payload(bytes(kind(name=[name], position=[1.5])))
+        line.outlet.send_sample(kind(name=[name], position=[1.5]))
     until(lambda: len(line.messages) >= 2)
     assert [(list(msg.name), list(msg.position)) for msg in line.messages] == [([name], [1.5]) for name in names]
     assert type(line.messages[0]) is kind, "an ordinary message uses the direct codec"
@@ -292,7 +299,7 @@ class _SubscriberOnly(Line):
 
     def __init__(self, scene: Scene, wire: Wire) -> None:
         self.messages, self.reports, self.inside, self.most_inside = [], [], 0, 0
-        scene.backend.subscribe(wire, self)
+        scene.backend.subscribe(wire, self.take, _ErrorSink(self.reports))
 
 
 # --- services ----------------------------------------------------------------------------------------------
@@ -364,7 +371,7 @@ def _answer_call(request: Any, response: Any) -> None:
 def _serve_and_call(scene: Scene, answer: Callable[[Any, Any], None], wire: ServiceWire | None = None) -> RosClient:
     """Serve the service, and return a client whose first call has been answered."""
     wire = wire or scene.service()
-    scene.backend.serve(wire, answer, scene.logged.append)
+    scene.backend.serve(wire, answer, _ErrorSink(scene.logged))
     caller = scene.backend.client(wire)
     until(lambda: _is_answered(caller))
     return caller
@@ -430,14 +437,6 @@ class Work:
 
     def send_goal(self, order: int) -> Any:
         return self.action_client.send(lambda goal: setattr(goal, "order", order), LIMIT, self)
-
-
-class _ErrorSink:
-    def __init__(self, logged: list[str]) -> None:
-        self.reject = self.refuse = self.set_incompatible_peer = logged.append
-
-    def lose(self, count: int) -> None:
-        """Ignore lost messages."""
 
 
 def _sequence(*numbers: int) -> Callable[[Any], None]:

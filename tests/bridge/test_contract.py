@@ -156,12 +156,12 @@ def latch_all_topics(module: ModuleType, backend: Any) -> None:
 def deliver_concurrently(module: ModuleType, backend: Any) -> None:
     """Deliver each message in a new thread."""
 
-    def subscribe(wire: Any, sink: Any) -> Any:
+    def subscribe(wire: Any, take: Any, errors: Any) -> Any:
         message_codec = module.codec(wire.messages)
 
         class Direct:
             def put(self, data: bytes) -> None:
-                module.threading.Thread(target=lambda: sink.take(message_codec.decode(data)), daemon=True).start()
+                module.threading.Thread(target=lambda: take(message_codec.decode(data)), daemon=True).start()
 
         module.TOPICS[wire.name].inlets.append(Direct())
         return RosSubscription(message_codec.new)
@@ -199,12 +199,12 @@ def reply_to_failed_calls(module: ModuleType, backend: Any) -> None:
     """Send an empty reply if a call fails."""
     original = backend.serve
 
-    def serve(wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(wire: Any, answer: Any, errors: Any) -> None:
         def answer_or_ignore(request: Any, response: Any) -> None:
             with contextlib.suppress(contract.NoAnswer):
                 answer(request, response)
 
-        original(wire, answer_or_ignore, refuse)
+        original(wire, answer_or_ignore, errors)
 
     backend.serve = serve
 
@@ -238,9 +238,9 @@ def leak_threads(module: ModuleType, backend: Any) -> None:
     """Start a thread for each service and leave it running."""
     original = backend.serve
 
-    def serve(wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(wire: Any, answer: Any, errors: Any) -> None:
         module.threading.Thread(target=lambda: time.sleep(4.0), daemon=True).start()
-        original(wire, answer, refuse)
+        original(wire, answer, errors)
 
     backend.serve = serve
 

@@ -62,7 +62,7 @@ class Line:
         self.side.start(
             SimpleNamespace(  # type: ignore[arg-type]
                 publisher=lambda wire: RosPublisher(message, send or (lambda sent: self.sent.append(deepcopy(sent)))),
-                subscribe=lambda wire, callback: RosSubscription(message),
+                subscribe=lambda wire, take, errors: RosSubscription(message),
                 now=lambda: Time(77, 5),
             )
         )

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from shmgen.bridge.backend import ActionWire, NoAnswer, RosClient, RosSubscription, ServiceWire, Wire
+from shmgen.bridge.common.counters import Counters
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.config import Config
 from shmgen.generator import pipeline
@@ -32,7 +33,7 @@ class Backend:
             lambda: not wire.name.endswith(self.missing),
         )
 
-    def subscribe(self, wire: Wire, sink: Any) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Any, errors: Any) -> RosSubscription:
         return RosSubscription(lambda: None, lambda: not wire.name.endswith(self.missing))
 
 
@@ -45,9 +46,7 @@ def test_goal_waits_for_all_endpoints_of_the_server(missing: str, tmp_path: Path
     parts = {message.name.name: message for message in schema.messages}
     wire = ActionWire("/reach", *((parts[f"Fibonacci_{part}"],) for part in ("Goal", "Result", "Feedback")))
     backend: Any = Backend(missing)
-    action_client = ros2_actions.action_client(
-        backend, wire, SimpleNamespace(reject=None, refuse=None, set_incompatible_peer=None, lose=None)
-    )  # type: ignore[arg-type]
+    action_client = ros2_actions.action_client(backend, wire, Counters("/reach", print))
     follower: Any = None
     if missing == "nothing":
         assert action_client.send(lambda goal: None, 0.03, follower) is None

@@ -56,7 +56,7 @@ class Ros(Backend):
     def __init__(self) -> None:
         super().__init__()
         self.rejected: list[str] = []
-        self.sinks: dict[str, Any] = {}
+        self.takers: dict[str, Any] = {}
         self.sent: list[tuple[str, bool]] = []
         self.late: list[str] = []
         self.pause = 0.0
@@ -74,16 +74,16 @@ class Ros(Backend):
         self.undo.append(destroyed.set)
         return RosPublisher(lambda: SimpleNamespace(data=False), send)
 
-    def subscribe(self, wire: Any, sink: Any) -> RosSubscription:
+    def subscribe(self, wire: Any, take: Any, errors: Any) -> RosSubscription:
         self._check(wire.name)
-        self.sinks[wire.name] = sink
-        self.undo.append(lambda: self.sinks.pop(wire.name))
+        self.takers[wire.name] = take
+        self.undo.append(lambda: self.takers.pop(wire.name))
         return RosSubscription(lambda: SimpleNamespace(data=False))
 
     def now(self) -> Time:
         return Time(1, 2)
 
-    def serve(self, wire: Any, answer: Any, refuse: Any) -> None:
+    def serve(self, wire: Any, answer: Any, errors: Any) -> None:
         raise NotImplementedError
 
     def client(self, wire: Any) -> RosClient:
@@ -126,7 +126,7 @@ class Stage:
         return {side.about.name.removeprefix(f"{self.space}/"): str(side.counters) for side in self.sides}
 
     def take(self, name: str) -> None:
-        self.ros.sinks[f"{self.space}/{name}"].take(SimpleNamespace(data=True))
+        self.ros.takers[f"{self.space}/{name}"](SimpleNamespace(data=True))
 
 
 @pytest.fixture
@@ -186,7 +186,7 @@ def test_reload_rejected_by_ros_changes_nothing(stage: Stage, rejected: str) -> 
     for name in "abc":
         stage.take(name)
     assert stage.counters() == {"a": "2 passed", "b": "2 passed", "c": "2 passed"}
-    assert set(stage.ros.sinks) == {f"{stage.space}/{name}" for name in "abc"}
+    assert set(stage.ros.takers) == {f"{stage.space}/{name}" for name in "abc"}
 
 
 def test_removal_after_a_rejected_reload_closes_the_topic(stage: Stage) -> None:
@@ -245,7 +245,7 @@ def test_reload_retries_a_file_that_was_empty(start_blocked: Callable[..., Block
     run.process.send_signal(signal.SIGHUP)
     time.sleep(0.1)
     file.write_text(text + f'[[topics]]\ntopic = "{run.topics["in"]}2"\ntype = "std_msgs/Bool"\n')
-    run.bridge.wait_for_line("was read again: topics: 4")
+    run.bridge.wait_for_line("was reloaded: topics: 4")
     run.publish("out")
     run.bridge.counted("2 passed")
     assert not [line for line in run.bridge.lines if "topics: 0" in line]

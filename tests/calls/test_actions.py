@@ -19,7 +19,6 @@ from shm_service.cell_msgs.action import (
 )
 
 from shmgen import runtime
-from shmgen.runtime import action_server
 from shmgen.runtime.region import header as h
 from tests.support.region_of import region_of
 
@@ -287,20 +286,18 @@ def test_restarted_server_ignores_old_goals_but_answers_cancels(topic, peer):
             assert start_goal(server, client, 2.0).request.position == 2.0
 
 
+@pytest.mark.parametrize("is_uncertain", [False, True])
 @pytest.mark.parametrize("half", ["progress_publisher", "outcome_publisher"])
-def test_uncertain_claim_skips_stale_goals_again(topic, monkeypatch, half):
-    class UncertainPublisher(getattr(MoveActionServer, half)):
+def test_uncertain_claim_skips_stale_goals_again(topic, monkeypatch, half, is_uncertain):
+    class LatePublisher(getattr(MoveActionServer, half)):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self._end.predecessor_may_be_alive = 1
+            client._calls.send_request(SimpleNamespace(cancel=0, goal=Move_Goal()))
+            self._end.predecessor_may_be_alive = is_uncertain
 
-    times = []
-    monkeypatch.setattr(action_server, "skip_stale", times.append)
-    MoveActionServer(topic).close()
-    assert len(times) == 1
-    monkeypatch.setattr(MoveActionServer, half, UncertainPublisher)
-    MoveActionServer(topic).close()
-    assert len(times) == 3
+    monkeypatch.setattr(MoveActionServer, half, LatePublisher)
+    with MoveActionClient(topic) as client, MoveActionServer(topic) as server:
+        assert (server.take() is None) == is_uncertain
 
 
 def test_client_gets_no_outcome_of_a_killed_client(topic, peer):

@@ -575,19 +575,17 @@ def test_take_does_not_wait(topic, monkeypatch):
     assert waits == [0]
 
 
-def test_uncertain_claim_skips_stale_requests_again(topic, monkeypatch):
-    class UncertainPublisher(StartServer.reply_publisher):
+@pytest.mark.parametrize("is_uncertain", [False, True])
+def test_uncertain_claim_skips_stale_requests_again(topic, monkeypatch, is_uncertain):
+    class LatePublisher(StartServer.reply_publisher):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            self._end.predecessor_may_be_alive = 1
+            client.send(Start_Request())
+            self._end.predecessor_may_be_alive = is_uncertain
 
-    times = []
-    monkeypatch.setattr("shmgen.runtime.server.skip_stale", times.append)
-    StartServer(topic).close()
-    assert len(times) == 1
-    monkeypatch.setattr(StartServer, "reply_publisher", UncertainPublisher)
-    StartServer(topic).close()
-    assert len(times) == 3
+    monkeypatch.setattr(StartServer, "reply_publisher", LatePublisher)
+    with StartClient(topic) as client, StartServer(topic) as server:
+        assert (server.take() is None) == is_uncertain
 
 
 # --- machines that need the lock -----------------------------------------------------------------

@@ -1,4 +1,4 @@
-/* What the peer does in C: compiled as C11, called from C++. */
+/* The endpoints of peer.cpp and machine.c in C, compiled as C11. */
 #ifndef ENDS_H
 #define ENDS_H
 
@@ -11,14 +11,14 @@ extern "C" {
 typedef struct c_end {
     shm_demo_msgs_Demo_publisher publisher;
     shm_demo_msgs_Demo_subscriber subscriber;
-    int writes;
+    int is_writer;
 } c_end;
 
-shmgen_status c_open(c_end *end, const char *topic, int writes, const shmgen_options *options, int waits);
+shmgen_status c_open(c_end *end, const char *topic, int is_writer, const shmgen_options *options, int is_blocking);
 shmgen_status c_step(c_end *end);
-shmgen_status c_publish(c_end *end, uint32_t a, int waits);
-shmgen_status c_publish_misfit(c_end *end, const char *what);
-shmgen_status c_read(c_end *end, const char *how, int64_t ns, shm_demo_msgs_Demo *into);
+shmgen_status c_publish(c_end *end, uint32_t a, int is_blocking);
+shmgen_status c_publish_misfit(c_end *end, const char *fault);
+shmgen_status c_read(c_end *end, const char *command, int64_t ns, shm_demo_msgs_Demo *message);
 void c_close(c_end *end);
 
 #ifdef __cplusplus

@@ -1,8 +1,8 @@
-// A region whose every byte may be anything, before and while it is open: what a reader does with it. For libFuzzer, or by
-// itself: `hostile INPUTS SEED`. The region lies between pages that nobody may touch, and the sanitizers see the rest.
+// Fuzzes readers and a writer with a region in which any byte may change. A fuzzer for libFuzzer, or a program that creates
+// its own inputs: `hostile INPUTS SEED`. Guard pages surround the region; the sanitizers detect all other wrong accesses.
 //
-// An input is a list of changes, six bytes each: where (two bytes), and what to put there (four). PLANTED=1 in the
-// environment lets the C reader believe a count, which must be found.
+// An input is a list of changes of 6 bytes: a place (2 bytes) and the new value (4 bytes). If PLANTED is set in the
+// environment, the program uses a sample in C without checking its counts, and a sanitizer must detect this fault.
 #include "shm_hostile/demo_msgs/msg/everything.hpp"
 #include "shm_hostile/demo_msgs/msg/everything_shm.h"
 
@@ -17,73 +17,73 @@ using shm_hostile::demo_msgs::msg::EverythingPublisher;
 using shm_hostile::demo_msgs::msg::EverythingSubscriber;
 
 const char *const TOPIC = std::getenv("TOPIC");
-volatile unsigned long seen;
-unsigned long whole, refused;
+volatile unsigned long checksum;
+unsigned long sample_count, refusal_count;
 
-// Moves a mapping between two of the same size that nobody may touch.
-void fence(shmgen_link &end)
+// Moves the mapping of a region between two inaccessible mappings of the same size.
+void add_guard_pages(shmgen_link &link)
 {
-    const std::size_t size = end.size;
-    char *room = static_cast<char *>(mmap(nullptr, 3 * size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
-    void *moved = mremap(end.base, size, size, MREMAP_MAYMOVE | MREMAP_FIXED, room + size);
-    if (moved != room + size)
+    const std::size_t size = link.size;
+    char *reservation = static_cast<char *>(mmap(nullptr, 3 * size, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+    void *guarded = mremap(link.base, size, size, MREMAP_MAYMOVE | MREMAP_FIXED, reservation + size);
+    if (guarded != reservation + size)
         abort();
-    end.base = static_cast<unsigned char *>(moved);
+    link.base = static_cast<unsigned char *>(guarded);
 }
 
-template <class Range> void touch(const Range &range)
+template <class Range> void read_bytes(const Range &range)
 {
     for (const auto &element : range) {
         unsigned char byte;
         std::memcpy(&byte, &element, 1);
-        seen += byte;
+        checksum += byte;
     }
 }
 
 void use(const Everything &message)
 {
-    ++whole;
-    touch(message.label.view());
-    touch(message.wide.view());
-    touch(message.text.view());
-    touch(message.flags);
-    touch(message.samples);
-    touch(message.path);
-    for (const auto &word : message.words)
-        touch(word.view());
-    for (const auto &word : message.wides)
-        touch(word.str());
+    ++sample_count;
+    read_bytes(message.label.view());
+    read_bytes(message.wide.view());
+    read_bytes(message.text.view());
+    read_bytes(message.flags);
+    read_bytes(message.samples);
+    read_bytes(message.path);
+    for (const auto &text : message.words)
+        read_bytes(text.view());
+    for (const auto &text : message.wides)
+        read_bytes(text.str());
     for (std::size_t index = 0; index < 9; ++index)
-        seen += message.samples.find(index) != nullptr;
-    seen += message.flag ? 1 : 2;
+        checksum += message.samples.find(index) != nullptr;
+    checksum += message.flag ? 1 : 2;
 }
 
 void use(const shm_demo_msgs_Everything &message)
 {
-    seen += std::strlen(message.label) + std::strlen(message.text);
+    checksum += std::strlen(message.label) + std::strlen(message.text);
     for (std::uint32_t index = 0; index < message.samples_count; ++index)
-        seen += static_cast<unsigned long>(message.samples[index]);
+        checksum += static_cast<unsigned long>(message.samples[index]);
     for (std::uint32_t index = 0; index < message.words_count; ++index)
-        seen += std::strlen(message.words[index]);
+        checksum += std::strlen(message.words[index]);
 }
 
-struct Stage {
-    EverythingPublisher publisher{TOPIC, options()};
-    EverythingSubscriber subscriber{TOPIC, options()};
-    shm_demo_msgs_Everything_subscriber in_c{};
-    std::vector<unsigned char> fresh;
+struct Endpoints {
+    EverythingPublisher publisher{TOPIC, make_options()};
+    EverythingSubscriber subscriber{TOPIC, make_options()};
+    shm_demo_msgs_Everything_subscriber c_subscriber{};
+    std::vector<unsigned char> valid_bytes;
 
-    static shmgen::Options options()
+    static shmgen::Options make_options()
     {
-        shmgen::Options made;
-        made.depth = 4;
-        made.lock = std::chrono::microseconds(1);
-        return made;
+        shmgen::Options options;
+        options.depth = 4;
+        options.lock = std::chrono::microseconds(1);
+        return options;
     }
-    Stage()
+    Endpoints()
     {
-        const shmgen_options made = options().c();
-        if (shm_demo_msgs_Everything_subscriber_open(&in_c, TOPIC, &made) != SHMGEN_OK)
+        const shmgen_options options = make_options().c();
+        if (shm_demo_msgs_Everything_subscriber_open(&c_subscriber, TOPIC, &options) != SHMGEN_OK)
             abort();
         Everything message;
         message.samples = {1, 2, 3};
@@ -91,81 +91,81 @@ struct Stage {
         for (int number = 0; number < 11; ++number)
             if (publisher.publish(message) != SHMGEN_OK)
                 abort();
-        fence(publisher.c().end);
-        fence(subscriber.c().end);
-        fence(in_c.end.end);
+        add_guard_pages(publisher.c().end);
+        add_guard_pages(subscriber.c().end);
+        add_guard_pages(c_subscriber.end.end);
         const unsigned char *base = publisher.c().end.base;
-        fresh.assign(base, base + publisher.c().end.size);
+        valid_bytes.assign(base, base + publisher.c().end.size);
     }
 };
 
-void read_all(Stage &stage)
+void read_everything(Endpoints &endpoints)
 {
-    if (const auto found = stage.subscriber.read_next())
-        use(*found);
-    if (const auto found = stage.subscriber.try_read())
-        use(*found);
-    refused += stage.subscriber.status() == SHMGEN_COUNT_EXCEEDED;
-    stage.subscriber.read_all([](const Everything &message) { use(message); });
-    (void)stage.subscriber.is_stale(std::chrono::seconds(1));
-    (void)stage.subscriber.ready(std::chrono::nanoseconds(0));
-    static shm_demo_msgs_Everything copy;
-    if (shm_demo_msgs_Everything_subscriber_read_next(&stage.in_c, &copy) == SHMGEN_OK)
-        use(copy);
+    if (const auto sample = endpoints.subscriber.read_next())
+        use(*sample);
+    if (const auto sample = endpoints.subscriber.try_read())
+        use(*sample);
+    refusal_count += endpoints.subscriber.status() == SHMGEN_COUNT_EXCEEDED;
+    endpoints.subscriber.read_all([](const Everything &message) { use(message); });
+    (void)endpoints.subscriber.is_stale(std::chrono::seconds(1));
+    (void)endpoints.subscriber.ready(std::chrono::nanoseconds(0));
+    static shm_demo_msgs_Everything message;
+    if (shm_demo_msgs_Everything_subscriber_read_next(&endpoints.c_subscriber, &message) == SHMGEN_OK)
+        use(message);
 }
 
 } // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size)
 {
-    static Stage stage;
+    static Endpoints endpoints;
     static unsigned long inputs;
-    unsigned char *base = stage.publisher.c().end.base;
-    std::memcpy(base, stage.fresh.data(), stage.fresh.size());
-    const std::uint32_t pid = stage.publisher.c().end.pid;
+    unsigned char *base = endpoints.publisher.c().end.base;
+    std::memcpy(base, endpoints.valid_bytes.data(), endpoints.valid_bytes.size());
+    const std::uint32_t pid = endpoints.publisher.c().end.pid;
     for (std::size_t at = 0; at + 6 <= size && at < 240; at += 6) {
-        std::uint16_t where;
-        std::memcpy(&where, data + at, sizeof where);
-        // Half of the changes hit the header, which is a small part of all.
-        const std::size_t offset = (where & 1) != 0 ? (where >> 1) % 188 : (where >> 1) % (stage.fresh.size() - 4);
+        std::uint16_t place;
+        std::memcpy(&place, data + at, sizeof place);
+        // Half of the changes hit the header, although the header is a small part of the region.
+        const std::size_t offset = (place & 1) != 0 ? (place >> 1) % 188 : (place >> 1) % (endpoints.valid_bytes.size() - 4);
         std::memcpy(base + offset, data + at + 2, 4);
     }
-    stage.subscriber.c().last = stage.in_c.end.last = size > 0 ? data[size - 1] % 12u : 0;
+    endpoints.subscriber.c().last = endpoints.c_subscriber.end.last = size > 0 ? data[size - 1] % 12u : 0;
     if (std::getenv("PLANTED") != nullptr) {
-        shm_demo_msgs_Everything copy;
-        const std::size_t slot = shmgen_slot_of(&stage.in_c.end.end, 11, 0);
-        std::memcpy(&copy, base + slot + SHMGEN_SLOT_HEADER, sizeof copy);
-        use(copy);
+        shm_demo_msgs_Everything message;
+        const std::size_t slot = shmgen_slot_of(&endpoints.c_subscriber.end.end, 11, 0);
+        std::memcpy(&message, base + slot + SHMGEN_SLOT_HEADER, sizeof message);
+        use(message);
         return 0;
     }
-    shmgen_store(&stage.publisher.c().end, SHMGEN_AT(retired), 0); // a retired region would be reopened, without the fences
-    read_all(stage);
-    if (stage.publisher.is_open()) {
-        const std::uint32_t sequence = stage.publisher.c().sequence;
-        std::memcpy(&stage.publisher.c().sequence, base + SHMGEN_AT(completed0), sizeof sequence);
-        shmgen_store(&stage.publisher.c().end, SHMGEN_AT(writer), pid); // else it would be lost, for good
-        shmgen_store(&stage.publisher.c().end, SHMGEN_AT(turn), stage.publisher.c().turn);
-        (void)!stage.publisher.try_publish(Everything());
-        stage.publisher.c().sequence = sequence;
-        read_all(stage);
+    shmgen_store(&endpoints.publisher.c().end, SHMGEN_AT(retired), 0); // a reader would reopen a retired region, without guard pages
+    read_everything(endpoints);
+    if (endpoints.publisher.is_open()) {
+        const std::uint32_t sequence = endpoints.publisher.c().sequence;
+        std::memcpy(&endpoints.publisher.c().sequence, base + SHMGEN_AT(completed0), sizeof sequence);
+        shmgen_store(&endpoints.publisher.c().end, SHMGEN_AT(writer), pid); // otherwise the publisher would lose its claim for good
+        shmgen_store(&endpoints.publisher.c().end, SHMGEN_AT(turn), endpoints.publisher.c().turn);
+        (void)!endpoints.publisher.try_publish(Everything());
+        endpoints.publisher.c().sequence = sequence;
+        read_everything(endpoints);
     }
-    if (++inputs % 64 == 0) { // and by one that opens it as it is now; making a header takes 2 ms
-        if (shmgen_load(&stage.publisher.c().end, SHMGEN_AT(magic)) != 0) {
-            EverythingSubscriber late;
-            if (late.open(TOPIC, Stage::options()) == SHMGEN_OK)
-                if (const auto found = late.read())
-                    use(*found);
+    if (++inputs % 64 == 0) { // also open the changed region; only in some runs, because creating a header takes 2 ms
+        if (shmgen_load(&endpoints.publisher.c().end, SHMGEN_AT(magic)) != 0) {
+            EverythingSubscriber new_subscriber;
+            if (new_subscriber.open(TOPIC, Endpoints::make_options()) == SHMGEN_OK)
+                if (const auto sample = new_subscriber.read())
+                    use(*sample);
         }
     }
     return 0;
 }
 
 #ifndef LIBFUZZER
-int main(int count, char **words)
+int main(int argc, char **argv)
 {
-    const unsigned long inputs = count > 1 ? std::strtoul(words[1], nullptr, 10) : 1000;
-    std::uint64_t state = count > 2 ? std::strtoul(words[2], nullptr, 10) : 1;
-    const auto random = [&state] {
+    const unsigned long inputs = argc > 1 ? std::strtoul(argv[1], nullptr, 10) : 1000;
+    std::uint64_t state = argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 1;
+    const auto next_random = [&state] {
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
@@ -173,18 +173,18 @@ int main(int count, char **words)
     };
     for (unsigned long input = 0; input < inputs; ++input) {
         std::uint8_t data[241];
-        const std::size_t changes = 1 + random() % 40;
+        const std::size_t changes = 1 + next_random() % 40;
         for (std::size_t at = 0; at < changes * 6; at += 6) {
-            const std::uint32_t where = random();
-            // Small numbers, numbers beside those that are there, the ends of what fits, anything.
-            const std::uint32_t values[] = {random() % 16, 4294967295u - random() % 16, 1u << random() % 32, random()};
-            const std::uint32_t value = values[random() % 4];
-            std::memcpy(data + at, &where, 2);
+            const std::uint32_t place = next_random();
+            // Small numbers, large numbers, powers of two, and any number.
+            const std::uint32_t values[] = {next_random() % 16, 4294967295u - next_random() % 16, 1u << next_random() % 32, next_random()};
+            const std::uint32_t value = values[next_random() % 4];
+            std::memcpy(data + at, &place, 2);
             std::memcpy(data + at + 2, &value, 4);
         }
-        data[changes * 6] = static_cast<std::uint8_t>(random());
+        data[changes * 6] = static_cast<std::uint8_t>(next_random());
         LLVMFuzzerTestOneInput(data, changes * 6 + 1);
     }
-    std::printf("%lu inputs, %lu samples taken, %lu refused\n", inputs, whole, refused);
+    std::printf("%lu inputs, %lu samples read, %lu refused\n", inputs, sample_count, refusal_count);
 }
 #endif

@@ -1,66 +1,64 @@
-/* In which order the shipped ends load and store the words that others look at, where they copy, and where nothing may pass.
- *
- *   order TOPIC      prints a line for each call: `turn` is a load, `turn=` a store, `|acquire` a fence, `copy` a payload
- */
+/* Print in which order the C endpoints load and store the shared header fields, copy payloads, and set fences.
+ * `order TOPIC` prints one line per call: `turn` is a load, `turn=` a store, `|ACQUIRE` a fence, `copy` a copied payload. */
 #include "shm_plc_demo/shmgen.h"
 
 #include <stdio.h>
 #include <string.h>
 
 static const unsigned char *region;
-static size_t slot_seen;
-static int quiet = 1;
+static size_t published_slot;
+static int is_quiet = 1;
 
-static void note(const void *at, const char *how)
+static void print_access(const void *address, const char *suffix)
 {
     static const struct {
         size_t offset;
         const char *name;
-    } words[] = {
-#define WORD(name) {offsetof(shmgen_region, name), #name}
-        WORD(magic),       WORD(writer),     WORD(completed0), WORD(completed1), WORD(turn),   WORD(left), WORD(heartbeat),
-        WORD(lock_holder), WORD(recoveries), WORD(armed),      WORD(lock_count), WORD(missed), WORD(bell),
+    } fields[] = {
+#define FIELD(name) {offsetof(shmgen_region, name), #name}
+        FIELD(magic),       FIELD(writer),     FIELD(completed0), FIELD(completed1), FIELD(turn),   FIELD(left), FIELD(heartbeat),
+        FIELD(lock_holder), FIELD(recoveries), FIELD(armed),      FIELD(lock_count), FIELD(missed), FIELD(bell),
     };
-    const size_t offset = (size_t)((const unsigned char *)at - region);
-    if (quiet)
+    const size_t offset = (size_t)((const unsigned char *)address - region);
+    if (is_quiet)
         return;
-    for (size_t index = 0; index < sizeof words / sizeof *words; index++)
-        if (offset == words[index].offset)
-            printf(" %s%s", words[index].name, how);
-    if (offset == slot_seen + offsetof(shmgen_slot, number))
-        printf(" number%s", how);
+    for (size_t index = 0; index < sizeof fields / sizeof *fields; index++)
+        if (offset == fields[index].offset)
+            printf(" %s%s", fields[index].name, suffix);
+    if (offset == published_slot + offsetof(shmgen_slot, number))
+        printf(" number%s", suffix);
 }
 
-static void fenced(const char *order)
+static void print_fence(const char *order)
 {
-    if (!quiet)
+    if (!is_quiet)
         printf(" |%s", order + sizeof "__ATOMIC_" - 1);
 }
 
-static void *copied(void *into, const void *from, size_t size)
+static void *copy_and_print(void *target, const void *source, size_t size)
 {
-    if (!quiet)
+    if (!is_quiet)
         printf(" copy");
-    return memcpy(into, from, size);
+    return memcpy(target, source, size);
 }
 
-#define SHMGEN_COPY copied
-#define __atomic_load_n(at, order) (note(at, ""), *(const volatile __typeof__(*(at)) *)(at))
-#define __atomic_store_n(at, value, order) (note(at, "="), (void)(*(volatile __typeof__(*(at)) *)(at) = (value)))
-#define __atomic_thread_fence(order) fenced(#order)
+#define SHMGEN_COPY copy_and_print
+#define __atomic_load_n(field, order) (print_access(field, ""), *(const volatile __typeof__(*(field)) *)(field))
+#define __atomic_store_n(field, value, order) (print_access(field, "="), (void)(*(volatile __typeof__(*(field)) *)(field) = (value)))
+#define __atomic_thread_fence(order) print_fence(#order)
 #include "shm_plc_demo/demo_msgs/msg/demo_shm.h"
 
 static shm_demo_msgs_Demo_publisher publisher;
 static shm_demo_msgs_Demo_subscriber subscriber;
 static shm_demo_msgs_Demo message;
 
-static void look(const char *name, shmgen_status (*call)(void))
+static void print_accesses(const char *name, shmgen_status (*call)(void))
 {
     printf("%s:", name);
-    slot_seen = shmgen_slot_of(&publisher.end.end, 1, 0);
-    quiet = 0;
+    published_slot = shmgen_slot_of(&publisher.end.end, 1, 0);
+    is_quiet = 0;
     shmgen_status status = call();
-    quiet = 1;
+    is_quiet = 1;
     printf("%s%s\n", status != SHMGEN_OK ? " -> " : "", status != SHMGEN_OK ? shmgen_status_text(status) : "");
 }
 
@@ -68,42 +66,42 @@ static shmgen_status publish(void) { return shm_demo_msgs_Demo_publisher_try_pub
 
 static shmgen_status read_newest(void) { return shm_demo_msgs_Demo_subscriber_try_read(&subscriber, &message); }
 
-static shmgen_status borrow(void)
+static shmgen_status borrow_and_return(void)
 {
     const void *payload = NULL;
     shmgen_status status = shmgen_subscriber_borrow(&subscriber.end, &payload);
     if (status == SHMGEN_OK)
-        copied(&message, payload, sizeof message);
+        copy_and_print(&message, payload, sizeof message);
     return status == SHMGEN_OK ? shmgen_subscriber_return(&subscriber.end) : status;
 }
 
 static shmgen_status sleep_until_posted(void)
 {
-    shmgen_subscriber *waits = &subscriber.end;
+    shmgen_subscriber *waiting = &subscriber.end;
     subscriber.end.last = 0;
-    shmgen_sleep(&waits, 1, 0);
+    shmgen_sleep(&waiting, 1, 0);
     return SHMGEN_OK;
 }
 
 static shmgen_status take_over(void) { return shmgen_take_over(&subscriber.end.end, 0) ? SHMGEN_OK : SHMGEN_LOCK_TIMEOUT; }
 
-int main(int count, char **words)
+int main(int argc, char **argv)
 {
-    if (count != 2 || shm_demo_msgs_Demo_publisher_open(&publisher, words[1], NULL) != SHMGEN_OK ||
-        shm_demo_msgs_Demo_subscriber_open(&subscriber, words[1], NULL) != SHMGEN_OK)
+    if (argc != 2 || shm_demo_msgs_Demo_publisher_open(&publisher, argv[1], NULL) != SHMGEN_OK ||
+        shm_demo_msgs_Demo_subscriber_open(&subscriber, argv[1], NULL) != SHMGEN_OK)
         return 1;
     region = publisher.end.end.base;
-    look("publish", publish);
+    print_accesses("publish", publish);
     region = subscriber.end.end.base;
-    look("read", read_newest);
+    print_accesses("read", read_newest);
     subscriber.end.last = 0;
-    look("borrow", borrow);
+    print_accesses("borrow", borrow_and_return);
     shmgen_open_event(&subscriber.end.end);
-    look("sleep", sleep_until_posted);
-    sem_trywait(subscriber.end.end.lock); /* its holder is dead */
+    print_accesses("sleep", sleep_until_posted);
+    sem_trywait(subscriber.end.end.lock); /* simulate a dead lock holder */
     shmgen_note_holder(&subscriber.end.end);
-    look("take over", take_over);
-    shmgen_store(&subscriber.end.end, SHMGEN_AT(lock_holder), 77); /* somebody is in meanwhile */
-    look("take over what has changed", take_over);
+    print_accesses("take over", take_over);
+    shmgen_store(&subscriber.end.end, SHMGEN_AT(lock_holder), 77); /* simulate another process that took the lock meanwhile */
+    print_accesses("take over after the holder changed", take_over);
     return 0;
 }

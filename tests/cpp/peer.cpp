@@ -1,10 +1,9 @@
-// A peer in C or C++ that does what it is told, a line at a time on stdin, and answers each with a line.
+// A peer process with endpoints in C or C++. Executes each line on stdin as a command, and prints one line as its answer.
 //
-//   open NAME c|cpp pub|sub TOPIC [depth=N] [mode=OCTAL] [group=NAME] [lock_us=N] [start=1] [passive=1]
-//   step NAME, publish NAME A, try_publish NAME A, misfit NAME count|text, begin NAME A, complete NAME, heartbeat NAME
-//   read|try|next|wait NAME [MS], all NAME, ready NAME MS, stale NAME MS, skip NAME, figures NAME, close NAME, sleep MS, fork NAME, child NAME 0|1
-//
-// An answer is `0 ...`, or the number of a status and its text.
+// * `open NAME c|cpp pub|sub TOPIC [depth=N] [mode=OCTAL] [group=NAME] [lock_us=N] [start=1] [sequence=1] [passive=1] [unstamped=1]`
+// * `step|complete|heartbeat|number|close|fork NAME`, `publish|try_publish|begin NAME A`, `misfit NAME count|text|nul`, `sleep MS`
+// * `read|try|next|wait NAME [MS]`, `ready|stale|enter NAME MS`, `all|skip|figures NAME`, `child NAME 0|1`, `strict NAME`
+// NAME is the endpoint's name. An answer is `0 ...`, or the number and the text of a status. Some commands answer with a number.
 #include "ends.h"
 #include "shm_plc_demo/demo_msgs/msg/demo.hpp"
 
@@ -26,44 +25,44 @@ using shm_plc_demo::demo_msgs::msg::DemoPublisher;
 using shm_plc_demo::demo_msgs::msg::DemoSubscriber;
 using std::chrono::milliseconds;
 
-struct Value {
+struct Sample {
     std::uint32_t a, b;
     std::string label;
     std::vector<std::int32_t> tail;
 };
 
-// Either language behind one face.
-struct End {
-    virtual ~End() = default;
-    virtual shmgen_status open(const std::string &topic, bool writes, const shmgen::Options &options, bool waits) = 0;
+// An endpoint in C or C++.
+struct Endpoint {
+    virtual ~Endpoint() = default;
+    virtual shmgen_status open(const std::string &topic, bool is_writer, const shmgen::Options &options, bool is_blocking) = 0;
     virtual shmgen_status step() = 0;
-    virtual shmgen_status publish(std::uint32_t a, bool waits) = 0;
-    virtual shmgen_status misfit(const std::string &what) = 0;
-    virtual shmgen_status read(const std::string &how, milliseconds time, Value &value) = 0;
+    virtual shmgen_status publish(std::uint32_t a, bool is_blocking) = 0;
+    virtual shmgen_status misfit(const std::string &fault) = 0;
+    virtual shmgen_status read(const std::string &command, milliseconds timeout, Sample &sample) = 0;
     virtual shmgen_publisher &publisher() = 0;
     virtual shmgen_subscriber &subscriber() = 0;
 };
 
-struct InC : End {
+struct CEndpoint : Endpoint {
     c_end end{};
-    ~InC() override { c_close(&end); }
-    shmgen_status open(const std::string &topic, bool writes, const shmgen::Options &options, bool waits) override
+    ~CEndpoint() override { c_close(&end); }
+    shmgen_status open(const std::string &topic, bool is_writer, const shmgen::Options &options, bool is_blocking) override
     {
-        shmgen_options wanted = options.c();
-        wanted.reopen = 0; // as in C by default
-        return c_open(&end, topic.c_str(), writes, &wanted, waits);
+        shmgen_options c_options = options.c();
+        c_options.reopen = 0; // the default in C
+        return c_open(&end, topic.c_str(), is_writer, &c_options, is_blocking);
     }
     shmgen_status step() override { return c_step(&end); }
-    shmgen_status publish(std::uint32_t a, bool waits) override { return c_publish(&end, a, waits); }
-    shmgen_status misfit(const std::string &what) override { return c_publish_misfit(&end, what.c_str()); }
-    shmgen_status read(const std::string &how, milliseconds time, Value &value) override
+    shmgen_status publish(std::uint32_t a, bool is_blocking) override { return c_publish(&end, a, is_blocking); }
+    shmgen_status misfit(const std::string &fault) override { return c_publish_misfit(&end, fault.c_str()); }
+    shmgen_status read(const std::string &command, milliseconds timeout, Sample &sample) override
     {
-        shm_demo_msgs_Demo found;
-        const shmgen_status status = c_read(&end, how.c_str(), shmgen::ns_of(time), &found);
+        shm_demo_msgs_Demo message;
+        const shmgen_status status = c_read(&end, command.c_str(), shmgen::ns_of(timeout), &message);
         if (status == SHMGEN_OK) {
-            value = {found.a, found.b, found.label, {}};
-            for (std::uint32_t index = 0; index < found.tail_count; ++index)
-                value.tail.push_back(found.tail[index]);
+            sample = {message.a, message.b, message.label, {}};
+            for (std::uint32_t index = 0; index < message.tail_count; ++index)
+                sample.tail.push_back(message.tail[index]);
         }
         return status;
     }
@@ -71,38 +70,38 @@ struct InC : End {
     shmgen_subscriber &subscriber() override { return end.subscriber.end; }
 };
 
-// As C, but without a lock.
-struct InSequence : InC {
-    shmgen_status open(const std::string &topic, bool writes, const shmgen::Options &options, bool) override
+// An endpoint in C that uses a sequence region, which has no lock.
+struct CEndpointWithoutLock : CEndpoint {
+    shmgen_status open(const std::string &topic, bool is_writer, const shmgen::Options &options, bool) override
     {
-        const shmgen_options wanted = options.c();
+        const shmgen_options c_options = options.c();
         shmgen_type type = shmgen_type_of_shm_demo_msgs_Demo();
         type.sequence = 1;
-        end.writes = writes;
-        return writes ? shmgen_publisher_open(&end.publisher.end, topic.c_str(), &type, &wanted)
-                      : shmgen_subscriber_open(&end.subscriber.end, topic.c_str(), &type, &wanted);
+        end.is_writer = is_writer;
+        return is_writer ? shmgen_publisher_open(&end.publisher.end, topic.c_str(), &type, &c_options)
+                         : shmgen_subscriber_open(&end.subscriber.end, topic.c_str(), &type, &c_options);
     }
 };
 
-struct InCpp : End {
-    DemoPublisher pub;
-    DemoSubscriber sub;
-    bool writes = false;
-    shmgen_status open(const std::string &topic, bool writing, const shmgen::Options &options, bool waits) override
+struct CppEndpoint : Endpoint {
+    DemoPublisher publisher_;
+    DemoSubscriber subscriber_;
+    bool is_writer_ = false;
+    shmgen_status open(const std::string &topic, bool is_writer, const shmgen::Options &options, bool is_blocking) override
     try {
-        writes = writing;
-        if (!waits)
-            return (writes ? pub.start(topic, options) : sub.start(topic, options)).code();
-        if (writes)
-            pub = DemoPublisher(topic, options);
+        is_writer_ = is_writer;
+        if (!is_blocking)
+            return (is_writer_ ? publisher_.start(topic, options) : subscriber_.start(topic, options)).code();
+        if (is_writer_)
+            publisher_ = DemoPublisher(topic, options);
         else
-            sub = DemoSubscriber(topic, options);
+            subscriber_ = DemoSubscriber(topic, options);
         return SHMGEN_OK;
     } catch (const shmgen::Error &error) {
         return error.status().code();
     }
-    shmgen_status step() override { return (writes ? pub.step() : sub.step()).code(); }
-    static Demo made(std::uint32_t a)
+    shmgen_status step() override { return (is_writer_ ? publisher_.step() : subscriber_.step()).code(); }
+    static Demo make_message(std::uint32_t a)
     {
         Demo message;
         message.a = a;
@@ -111,58 +110,58 @@ struct InCpp : End {
         message.tail = {static_cast<std::int32_t>(a), -static_cast<std::int32_t>(a)};
         return message;
     }
-    shmgen_status publish(std::uint32_t a, bool waits) override
+    shmgen_status publish(std::uint32_t a, bool is_blocking) override
     {
-        return (waits ? pub.publish(made(a)) : pub.try_publish(made(a))).code();
+        return (is_blocking ? publisher_.publish(make_message(a)) : publisher_.try_publish(make_message(a))).code();
     }
-    shmgen_status misfit(const std::string &what) override
+    shmgen_status misfit(const std::string &fault) override
     {
-        Demo message = made(999);
-        if (what == "count")
+        Demo message = make_message(999);
+        if (fault == "count")
             message.tail = std::vector<int>(4);
         else
-            message.label = what == "nul" ? std::string(3, '\0') : std::string(10, 'y');
-        return pub.publish(message).code();
+            message.label = fault == "nul" ? std::string(3, '\0') : std::string(10, 'y');
+        return publisher_.publish(message).code();
     }
-    shmgen_status read(const std::string &how, milliseconds time, Value &value) override
+    shmgen_status read(const std::string &command, milliseconds timeout, Sample &sample) override
     {
-        const std::optional<Demo> found = how == "next"   ? sub.read_next()
-                                          : how == "wait" ? sub.wait(time)
-                                          : how == "try"  ? sub.try_read()
-                                                          : sub.read();
-        if (found)
-            value = {found->a, found->b, found->label.str(), {found->tail.begin(), found->tail.end()}};
-        return found ? SHMGEN_OK : sub.status().code();
+        const std::optional<Demo> message = command == "next"   ? subscriber_.read_next()
+                                            : command == "wait" ? subscriber_.wait(timeout)
+                                            : command == "try"  ? subscriber_.try_read()
+                                                                : subscriber_.read();
+        if (message)
+            sample = {message->a, message->b, message->label.str(), {message->tail.begin(), message->tail.end()}};
+        return message ? SHMGEN_OK : subscriber_.status().code();
     }
-    shmgen_publisher &publisher() override { return pub.c(); }
-    shmgen_subscriber &subscriber() override { return sub.c(); }
+    shmgen_publisher &publisher() override { return publisher_.c(); }
+    shmgen_subscriber &subscriber() override { return subscriber_.c(); }
 };
 
-std::string said(shmgen_status status) { return std::to_string(status) + " " + shmgen_status_text(status); }
+std::string text_of(shmgen_status status) { return std::to_string(status) + " " + shmgen_status_text(status); }
 
-std::string said(const Value &value)
+std::string text_of(const Sample &sample)
 {
-    std::string text = std::to_string(value.a) + " " + std::to_string(value.b) + " " + value.label;
-    for (const std::int32_t element : value.tail)
+    std::string text = std::to_string(sample.a) + " " + std::to_string(sample.b) + " " + sample.label;
+    for (const std::int32_t element : sample.tail)
         text += " " + std::to_string(element);
     return text;
 }
 
-std::string opened(std::unique_ptr<End> &end, std::istringstream &words)
+std::string open_endpoint(std::unique_ptr<Endpoint> &endpoint, std::istringstream &words)
 {
-    std::string language, role, topic, word;
+    std::string language, role, topic, option;
     words >> language >> role >> topic;
     shmgen::Options options;
     std::string group;
-    bool waits = true, ends_sequence = false;
-    while (words >> word) {
-        const std::string key = word.substr(0, word.find('=')), value = word.substr(word.find('=') + 1);
+    bool is_blocking = true, without_lock = false;
+    while (words >> option) {
+        const std::string key = option.substr(0, option.find('=')), value = option.substr(option.find('=') + 1);
         if (key == "group")
             group = value;
         else if (key == "start")
-            waits = false;
+            is_blocking = false;
         else if (key == "sequence")
-            ends_sequence = true;
+            without_lock = true;
         else if (key == "mode")
             options.mode = static_cast<std::uint32_t>(std::stoul(value, nullptr, 8));
         else if (key == "lock_us")
@@ -172,133 +171,133 @@ std::string opened(std::unique_ptr<End> &end, std::istringstream &words)
         else
             (key == "passive" ? options.passive : options.unstamped) = true;
     }
-    if (ends_sequence)
+    if (without_lock)
         language = "sequence";
     options.group = group;
     if (language == "sequence")
-        end = std::make_unique<InSequence>();
+        endpoint = std::make_unique<CEndpointWithoutLock>();
     else if (language == "c")
-        end = std::make_unique<InC>();
+        endpoint = std::make_unique<CEndpoint>();
     else
-        end = std::make_unique<InCpp>();
-    return said(end->open(topic, role == "pub", options, waits));
+        endpoint = std::make_unique<CppEndpoint>();
+    return text_of(endpoint->open(topic, role == "pub", options, is_blocking));
 }
 
-std::string answer(std::map<std::string, std::unique_ptr<End>> &ends, const std::string &line)
+std::string execute(std::map<std::string, std::unique_ptr<Endpoint>> &endpoints, const std::string &line)
 {
     std::istringstream words(line);
-    std::string verb, name, what;
-    long number = 0;
-    words >> verb >> name;
-    if (verb == "open")
-        return opened(ends[name], words);
-    if (verb == "sleep") {
+    std::string command, name, fault;
+    long argument = 0;
+    words >> command >> name;
+    if (command == "open")
+        return open_endpoint(endpoints[name], words);
+    if (command == "sleep") {
         shmgen_pause(std::atol(name.c_str()) * SHMGEN_MS);
         return "0";
     }
-    if (verb == "close") {
-        ends.erase(name);
+    if (command == "close") {
+        endpoints.erase(name);
         return "0";
     }
-    End &end = *ends.at(name);
-    if (verb == "misfit") {
-        words >> what;
-        const shmgen_status status = end.misfit(what);
-        return std::to_string(status) + " " + shmgen_path_text(&end.publisher().path) + " " +
-               std::to_string(end.publisher().end.refused);
+    Endpoint &endpoint = *endpoints.at(name);
+    if (command == "misfit") {
+        words >> fault;
+        const shmgen_status status = endpoint.misfit(fault);
+        return std::to_string(status) + " " + shmgen_path_text(&endpoint.publisher().path) + " " +
+               std::to_string(endpoint.publisher().end.refused);
     }
-    words >> number;
-    const std::int64_t ns = number * SHMGEN_MS;
-    if (verb == "step")
-        return said(end.step());
-    if (verb == "publish" || verb == "try_publish")
-        return said(end.publish(static_cast<std::uint32_t>(number), verb == "publish"));
-    if (verb == "begin") { // and half of it
+    words >> argument;
+    const std::int64_t ns = argument * SHMGEN_MS;
+    if (command == "step")
+        return text_of(endpoint.step());
+    if (command == "publish" || command == "try_publish")
+        return text_of(endpoint.publish(static_cast<std::uint32_t>(argument), command == "publish"));
+    if (command == "begin") { // writes only the first field of the sample
         void *payload = nullptr;
-        const shmgen_status status = shmgen_publisher_begin(&end.publisher(), end.publisher().end.limit, &payload);
+        const shmgen_status status = shmgen_publisher_begin(&endpoint.publisher(), endpoint.publisher().end.limit, &payload);
         if (status == SHMGEN_OK) {
-            const auto a = static_cast<std::uint32_t>(number);
+            const auto a = static_cast<std::uint32_t>(argument);
             std::memcpy(payload, &a, sizeof a);
         }
-        return said(status);
+        return text_of(status);
     }
-    if (verb == "complete")
-        return said(shmgen_publisher_complete(&end.publisher()));
-    if (verb == "heartbeat")
-        return said(shmgen_publisher_heartbeat(&end.publisher()));
-    if (verb == "number")
-        return std::to_string(end.publisher().sequence);
-    if (verb == "ready")
-        return said(shmgen_subscriber_ready(&end.subscriber(), ns));
-    if (verb == "stale")
-        return std::to_string(shmgen_subscriber_is_stale(&end.subscriber(), ns));
-    if (verb == "skip") {
-        shmgen_subscriber_skip(&end.subscriber());
+    if (command == "complete")
+        return text_of(shmgen_publisher_complete(&endpoint.publisher()));
+    if (command == "heartbeat")
+        return text_of(shmgen_publisher_heartbeat(&endpoint.publisher()));
+    if (command == "number")
+        return std::to_string(endpoint.publisher().sequence);
+    if (command == "ready")
+        return text_of(shmgen_subscriber_ready(&endpoint.subscriber(), ns));
+    if (command == "stale")
+        return std::to_string(shmgen_subscriber_is_stale(&endpoint.subscriber(), ns));
+    if (command == "skip") {
+        shmgen_subscriber_skip(&endpoint.subscriber());
         return "0";
     }
-    if (verb == "fork") { // what the child hears, as writer and as reader
+    if (command == "fork") { // a child process must not use the writer NAME and the reader `r`
         const pid_t child = fork();
         if (child == 0) {
-            Value value{};
-            const int sent = end.publish(1, false), read = ends.at("r")->read("try", milliseconds(0), value);
-            _exit(sent == SHMGEN_IN_FORKED_CHILD && read == sent && end.publish(2, true) == sent ? 0 : 1);
+            Sample sample{};
+            const int sent = endpoint.publish(1, false), read = endpoints.at("r")->read("try", milliseconds(0), sample);
+            _exit(sent == SHMGEN_IN_FORKED_CHILD && read == sent && endpoint.publish(2, true) == sent ? 0 : 1);
         }
         int status = 1;
         waitpid(child, &status, 0);
         return std::to_string(status);
     }
-    if (verb == "child") { // which touches nothing, or closes what is not its own; until it is killed
+    if (command == "child") { // a child process that runs until it is killed, and with 1 first closes its parent's publisher
         const pid_t child = fork();
         if (child == 0) {
-            if (number != 0)
-                shmgen_publisher_close(&end.publisher());
+            if (argument != 0)
+                shmgen_publisher_close(&endpoint.publisher());
             std::cout << getpid() << std::endl;
             for (;;)
                 pause();
         }
         return "";
     }
-    if (verb == "enter") // and stays inside
-        return std::to_string(shmgen_enter(&end.subscriber().end, ns > 0 ? ns : end.subscriber().end.limit));
-    if (verb == "strict") { // from now on any system call but a write ends this process, by SIGKILL
-        End &reader = *ends.at("r");
-        Value value{};
-        long wrong = 0;
-        if (end.publish(0, false) != SHMGEN_OK || reader.read("try", milliseconds(0), value) != SHMGEN_OK)
-            return "1"; // that checks the files, and the calls below come within the next 100 ms
+    if (command == "enter") // and keeps the lock
+        return std::to_string(shmgen_enter(&endpoint.subscriber().end, ns > 0 ? ns : endpoint.subscriber().end.limit));
+    if (command == "strict") { // call both endpoints while seccomp kills this process at every system call except read and write
+        Endpoint &reader = *endpoints.at("r");
+        Sample sample{};
+        long failures = 0;
+        if (endpoint.publish(0, false) != SHMGEN_OK || reader.read("try", milliseconds(0), sample) != SHMGEN_OK)
+            return "1"; // these calls check the region's file; the calls below need no further check within 100 ms
         if (prctl(PR_SET_SECCOMP, SECCOMP_MODE_STRICT) != 0)
             return "1";
         for (std::uint32_t a = 1; a <= 1000; ++a)
-            wrong += end.publish(a, false) != SHMGEN_OK || reader.read("try", milliseconds(0), value) != SHMGEN_OK ||
-                     value.a != a;
-        const char *text = wrong == 0 ? "0\n" : "1\n";
+            failures += endpoint.publish(a, false) != SHMGEN_OK || reader.read("try", milliseconds(0), sample) != SHMGEN_OK ||
+                        sample.a != a;
+        const char *text = failures == 0 ? "0\n" : "1\n";
         if (write(1, text, 2) == 2)
             syscall(SYS_exit, 0);
     }
-    if (verb == "figures") {
-        const shmgen_subscriber &sub = end.subscriber();
-        return std::to_string(sub.sequence) + " " + std::to_string(sub.missed) + " " + std::to_string(sub.end.misses) +
-               " " + std::to_string(sub.end.refused) + " " + (sub.stamp != 0 ? "stamped" : "unstamped") + " " +
-               shmgen_path_text(&sub.path);
+    if (command == "figures") {
+        const shmgen_subscriber &subscriber = endpoint.subscriber();
+        return std::to_string(subscriber.sequence) + " " + std::to_string(subscriber.missed) + " " +
+               std::to_string(subscriber.end.misses) + " " + std::to_string(subscriber.end.refused) + " " +
+               (subscriber.stamp != 0 ? "stamped" : "unstamped") + " " + shmgen_path_text(&subscriber.path);
     }
-    Value value{};
-    if (verb == "all") {
+    Sample sample{};
+    if (command == "all") {
         std::string text = "0";
-        while (end.read("next", milliseconds(0), value) == SHMGEN_OK)
-            text += " " + std::to_string(value.a);
+        while (endpoint.read("next", milliseconds(0), sample) == SHMGEN_OK)
+            text += " " + std::to_string(sample.a);
         return text;
     }
-    const shmgen_status status = end.read(verb, milliseconds(number), value);
-    return status == SHMGEN_OK ? "0 " + said(value) : said(status);
+    const shmgen_status status = endpoint.read(command, milliseconds(argument), sample);
+    return status == SHMGEN_OK ? "0 " + text_of(sample) : text_of(status);
 }
 
 } // namespace
 
 int main()
 {
-    std::map<std::string, std::unique_ptr<End>> ends;
+    std::map<std::string, std::unique_ptr<Endpoint>> endpoints;
     for (std::string line; std::getline(std::cin, line);)
-        if (const std::string text = answer(ends, line); !text.empty())
+        if (const std::string text = execute(endpoints, line); !text.empty())
             std::cout << text << std::endl;
     return 0;
 }

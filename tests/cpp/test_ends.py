@@ -28,17 +28,17 @@ builtin_interfaces/Duration span
 Part[<=2] parts
 """
 MESSAGES = {"ends_msgs/msg/All.msg": ALL, "ends_msgs/msg/Part.msg": "string<=9 name\nuint8[<=4] marks\n"}
-CASES = re.findall(r"CASE\((\w+)\),", (HERE / "alone.c").read_text())
+CASES = re.findall(r"CASE\((\w+)\),", (HERE / "api.c").read_text())
 
 
 @pytest.fixture(scope="session")
-def alone(generated: Path) -> Path:
-    return cpp_peer.compiled(generated, "alone", HERE / "alone.c")
+def api_program(generated: Path) -> Path:
+    return cpp_peer.compiled(generated, "api", HERE / "api.c")
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_c_api_passes_case(case: str, alone: Path, topic: str) -> None:
-    process = subprocess.run([alone, case, topic], capture_output=True, text=True, timeout=60, check=False)
+def test_c_api_passes_case(case: str, api_program: Path, topic: str) -> None:
+    process = subprocess.run([api_program, case, topic], capture_output=True, text=True, timeout=60, check=False)
     assert (process.stdout, process.returncode) == ("", 0)
 
 

@@ -18,7 +18,7 @@ read: completed0 completed1 number copy |ACQUIRE number
 borrow: completed0 completed1 number copy |ACQUIRE number |ACQUIRE number
 sleep: writer bell armed= |SEQ_CST completed0 completed1
 take over: lock_holder lock_count lock_count= lock_holder= recoveries recoveries=
-take over what has changed: lock_holder -> the lock was not free in time
+take over after the holder changed: lock_holder -> the lock was not free in time
 """
 """docs/protocol.md gives the reasons. A lock holder counts before it writes its id. A writer clears the slot's number,
 copies, then sets the number and `completed`. A reader checks the number again, after a fence behind its copy."""

@@ -1,12 +1,12 @@
-// Two threads, each with an end of its own, whose regions are mapped at one place, so that the thread sanitizer sees what
-// both do. `threads` must be clean; `threads unlocked`, where the slots alone carry integrity, is what it must find.
+// A writer thread and a reader thread. Both use one mapping of the region, so that the thread sanitizer detects data races.
+// It must report none for `threads`, but a race for `threads unlocked`: without a lock, only the slot numbers detect overwriting.
 #include <cerrno>
 #include <ctime>
 #include <sched.h>
 #include <semaphore.h>
 
-// gcc 12's sanitizer sees that sem_trywait takes a token, not that sem_clockwait does.
-static int seen_clockwait(sem_t *semaphore, clockid_t clock, const timespec *until)
+// The thread sanitizer of gcc 12 supports sem_trywait, but not sem_clockwait.
+static int clockwait_by_polling(sem_t *semaphore, clockid_t clock, const timespec *until)
 {
     while (sem_trywait(semaphore) != 0) {
         timespec now{};
@@ -19,7 +19,7 @@ static int seen_clockwait(sem_t *semaphore, clockid_t clock, const timespec *unt
     }
     return 0;
 }
-#define sem_clockwait seen_clockwait
+#define sem_clockwait clockwait_by_polling
 #include "shm_plc_demo/demo_msgs/msg/demo.hpp"
 
 #include <atomic>
@@ -37,38 +37,39 @@ int main(int count, char **)
     options.lock = std::chrono::seconds(1);
     shm_plc_demo::demo_msgs::msg::DemoPublisher publisher("/shmgen_test/threads", options);
     shm_plc_demo::demo_msgs::msg::DemoSubscriber subscriber("/shmgen_test/threads", options);
-    shmgen_link &end = subscriber.c().end;
-    munmap(end.base, static_cast<std::size_t>(end.size));
-    unsigned char *const own = end.base;
-    end.base = publisher.c().end.base;
-    const bool unlocked = count > 1;
-    if (unlocked) // and without the event, which orders as well
-        publisher.c().end.lock = end.lock = publisher.c().end.event = nullptr;
-    unsigned long wrong = 0, read = 0, unsent = 0;
-    std::atomic<bool> runs{false};
+    shmgen_link &link = subscriber.c().end;
+    munmap(link.base, static_cast<std::size_t>(link.size));
+    unsigned char *const subscriber_base = link.base;
+    link.base = publisher.c().end.base;
+    const bool is_unlocked = count > 1;
+    if (is_unlocked) // without the event also, because a semaphore orders memory accesses
+        publisher.c().end.lock = link.lock = publisher.c().end.event = nullptr;
+    unsigned long failures = 0, read = 0, failed_publishes = 0;
+    std::atomic<bool> is_running{false};
     std::thread reader([&] {
-        runs = true;
-        std::uint32_t last = 0;
-        while (last < SAMPLES) {
-            const auto sample = !unlocked && read % 2 != 0 ? subscriber.wait(20s) : subscriber.read_next();
+        is_running = true;
+        std::uint32_t previous = 0;
+        while (previous < SAMPLES) {
+            const auto sample = !is_unlocked && read % 2 != 0 ? subscriber.wait(20s) : subscriber.read_next();
             if (!sample)
                 continue;
-            wrong += sample->a <= last || sample->b != 2 * sample->a;
-            last = sample->a;
+            failures += sample->a <= previous || sample->b != 2 * sample->a;
+            previous = sample->a;
             ++read;
         }
     });
-    while (!runs)
+    while (!is_running)
         std::this_thread::yield();
     Demo message;
     for (std::uint32_t a = 1; a <= SAMPLES; ++a) {
         message.a = a;
         message.b = 2 * a;
-        unsent += publisher.publish(message) != SHMGEN_OK;
+        failed_publishes += publisher.publish(message) != SHMGEN_OK;
     }
     reader.join();
-    wrong += unsent;
-    std::printf("%lu wrong; read and missed: %lu\n", wrong, read + subscriber.missed());
-    end.base = static_cast<unsigned char *>(mmap(own, static_cast<std::size_t>(end.size), PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
-    return wrong != 0;
+    failures += failed_publishes;
+    std::printf("%lu wrong; read and missed: %lu\n", failures, read + subscriber.missed());
+    void *const mapping = mmap(subscriber_base, static_cast<std::size_t>(link.size), PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    link.base = static_cast<unsigned char *>(mapping);
+    return failures != 0;
 }

@@ -106,11 +106,10 @@ def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return peers.build(request.param, shared / "dds_peers", schema.messages, topics)
 
 
-class Taken:
-    """A MessageSink that passes messages to `take` and appends all other reports to `logged`."""
+class Errors:
+    """An ErrorSink that appends reports to `logged` and counts lost messages in `lost`."""
 
-    def __init__(self, take: Callable[[Any], Any], logged: list[str] | None = None) -> None:
-        self.take = take
+    def __init__(self, logged: list[str] | None = None) -> None:
         self.logged = [] if logged is None else logged
         self.lost = 0
 

@@ -1,8 +1,8 @@
-/* A ROS 2 node's ends without ROS, on Cyclone's C library: sends back what it hears, and prints joint states.
+/* Endpoints of a ROS 2 node without ROS, with Cyclone's C library. Publishes each sample of IN on OUT, and prints joint states.
 
    cyclone_peer DOMAIN reliable|best_effort volatile|latch [TYPE IN OUT]...
-   TYPE is `sensor_msgs::msg::dds_::JointState_`. Where IN is `-`, it says one joint state on OUT ten times a second, or
-   once and for late readers if it is to latch. It ends with its standard input. */
+   TYPE is a DDS name such as `sensor_msgs::msg::dds_::JointState_`. If IN is `-`, it publishes a joint state on OUT ten times
+   per second. With `latch`, it publishes the joint state once, also for late readers. It exits when its stdin is closed. */
 #include <dds/dds.h>
 #include <poll.h>
 #include <stdio.h>
@@ -17,7 +17,7 @@ struct echo {
     int joint_states;
 };
 
-static void print(const sensor_msgs_msg_dds__JointState_ *state) {
+static void print_joint_state(const sensor_msgs_msg_dds__JointState_ *state) {
     printf("took %d.%09u %s", state->header_.stamp_.sec_, state->header_.stamp_.nanosec_, state->header_.frame_id_);
     for (uint32_t i = 0; i < state->name_._length; i++) printf(" %s", state->name_._buffer[i]);
     for (uint32_t i = 0; i < state->position_._length; i++) printf(" %g", state->position_._buffer[i]);
@@ -25,13 +25,13 @@ static void print(const sensor_msgs_msg_dds__JointState_ *state) {
     fflush(stdout);
 }
 
-static void heard(dds_entity_t reader, void *arg) {
+static void echo_samples(dds_entity_t reader, void *arg) {
     struct echo *echo = arg;
     void *sample = NULL;
     dds_sample_info_t info;
     while (dds_take(reader, &sample, &info, 1, 1) == 1) {
         if (info.valid_data) {
-            if (echo->joint_states) print(sample);
+            if (echo->joint_states) print_joint_state(sample);
             if (dds_write(echo->writer, sample) < 0) puts("could not write");
         }
         dds_return_loan(reader, &sample, 1);
@@ -39,7 +39,7 @@ static void heard(dds_entity_t reader, void *arg) {
     }
 }
 
-static void say(dds_entity_t writer) {
+static void publish_joint_state(dds_entity_t writer) {
     char *names[] = {"shoulder", "elbow"};
     double positions[] = {0.5, -1.25}, efforts[] = {0.001};
     sensor_msgs_msg_dds__JointState_ state = {0};
@@ -61,41 +61,41 @@ static const dds_topic_descriptor_t *type_of(const char *name) {
     exit(3);
 }
 
-int main(int count, char **words) {
-    if (count < 7) return 2;
-    int reliable = !strcmp(words[2], "reliable"), latch = !strcmp(words[3], "latch");
-    dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(words[1]), NULL, NULL);
+int main(int argc, char **argv) {
+    if (argc < 7) return 2;
+    int is_reliable = !strcmp(argv[2], "reliable"), is_latched = !strcmp(argv[3], "latch");
+    dds_entity_t participant = dds_create_participant((dds_domainid_t)atoi(argv[1]), NULL, NULL);
     dds_qos_t *qos = dds_create_qos();
-    if (reliable) dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+    if (is_reliable) dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
     else dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
     dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1000);
-    if (latch) {
+    if (is_latched) {
         dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
         dds_qset_durability_service(qos, 0, DDS_HISTORY_KEEP_LAST, 1, -1, -1, -1);
     }
-    dds_entity_t says = 0;
-    for (char **word = words + 4; word + 2 < words + count; word += 3) {
-        const dds_topic_descriptor_t *type = type_of(word[0]);
-        dds_entity_t out = dds_create_topic(participant, type, word[2], NULL, NULL);
+    dds_entity_t own_writer = 0;
+    for (char **triple = argv + 4; triple + 2 < argv + argc; triple += 3) {
+        const dds_topic_descriptor_t *type = type_of(triple[0]);
+        dds_entity_t output_topic = dds_create_topic(participant, type, triple[2], NULL, NULL);
         struct echo *echo = malloc(sizeof *echo);
-        echo->joint_states = strstr(word[0], "JointState_") != NULL;
-        echo->writer = dds_create_writer(participant, out, qos, NULL);
+        echo->joint_states = strstr(triple[0], "JointState_") != NULL;
+        echo->writer = dds_create_writer(participant, output_topic, qos, NULL);
         if (echo->writer < 0) return 4;
-        if (!strcmp(word[1], "-")) {
-            says = echo->writer;
+        if (!strcmp(triple[1], "-")) {
+            own_writer = echo->writer;
             continue;
         }
         dds_listener_t *listener = dds_create_listener(echo);
-        dds_lset_data_available(listener, heard);
-        dds_entity_t in = dds_create_topic(participant, type, word[1], NULL, NULL);
-        if (dds_create_reader(participant, in, qos, listener) < 0) return 5;
+        dds_lset_data_available(listener, echo_samples);
+        dds_entity_t input_topic = dds_create_topic(participant, type, triple[1], NULL, NULL);
+        if (dds_create_reader(participant, input_topic, qos, listener) < 0) return 5;
     }
     puts("ready");
     fflush(stdout);
-    if (says && latch) say(says);
+    if (own_writer && is_latched) publish_joint_state(own_writer);
     struct pollfd standard_input = {.fd = 0, .events = POLLIN};
     while (!poll(&standard_input, 1, 100))
-        if (says && !latch) say(says);
+        if (own_writer && !is_latched) publish_joint_state(own_writer);
     dds_delete(participant);
     return 0;
 }

@@ -1,4 +1,4 @@
-// The same as cyclone_peer.c on Fast DDS, ROS 2's default: sends back what it hears, and prints joint states.
+// Does the same as cyclone_peer.c with Fast DDS, the default of ROS 2. The arguments and the output are equal.
 #include <poll.h>
 #include <cstdio>
 #include <cstring>
@@ -22,7 +22,7 @@
 using namespace eprosima::fastdds::dds;
 using JointState = sensor_msgs::msg::dds_::JointState_;
 
-static void print(const JointState &state) {
+static void print_joint_state(const JointState &state) {
     const auto &stamp = state.header_().stamp_();
     std::printf("took %d.%09u %s", stamp.sec_(), stamp.nanosec_(), state.header_().frame_id_().c_str());
     for (const auto &name : state.name_()) std::printf(" %s", name.c_str());
@@ -31,7 +31,7 @@ static void print(const JointState &state) {
     std::fflush(stdout);
 }
 
-static void say(DataWriter *writer) {
+static void publish_joint_state(DataWriter *writer) {
     JointState state;
     state.header_().stamp_().sec_(12);
     state.header_().stamp_().nanosec_(345678901);
@@ -55,7 +55,7 @@ struct Echo : DataReaderListener {
         SampleInfo info;
         while (reader->take_next_sample(sample, &info) == ReturnCode_t::RETCODE_OK) {
             if (!info.valid_data) continue;
-            if (joint_states) print(*static_cast<JointState *>(sample));
+            if (joint_states) print_joint_state(*static_cast<JointState *>(sample));
             if (!writer->write(sample)) std::puts("could not write");
         }
         type.delete_data(sample);
@@ -63,7 +63,7 @@ struct Echo : DataReaderListener {
 };
 
 static DomainParticipant *participant_of(int domain) {
-    // Loopback only, without multicast: as rmw does it for ROS_LOCALHOST_ONLY.
+    // Use only the loopback interface and no multicast, as ROS 2's middleware does for ROS_LOCALHOST_ONLY.
     DomainParticipantQos qos;
     auto transport = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     transport->interfaceWhiteList = {"127.0.0.1"};
@@ -77,55 +77,55 @@ static DomainParticipant *participant_of(int domain) {
 }
 
 static TypeSupport type_of(const std::string &name) {
-    TypeSupport found;
-    for (TopicDataType *known : std::vector<TopicDataType *>{PEER_TYPES}) {
-        TypeSupport candidate(known);
-        if (name == known->getName()) found = candidate;
+    TypeSupport match;
+    for (TopicDataType *type : std::vector<TopicDataType *>{PEER_TYPES}) {
+        TypeSupport candidate(type);
+        if (name == type->getName()) match = candidate;
     }
-    if (found.empty()) std::exit(3);
-    return found;
+    if (match.empty()) std::exit(3);
+    return match;
 }
 
-int main(int count, char **words) {
-    if (count < 7) return 2;
-    bool reliable = !std::strcmp(words[2], "reliable"), latch = !std::strcmp(words[3], "latch");
-    DomainParticipant *participant = participant_of(std::atoi(words[1]));
+int main(int argc, char **argv) {
+    if (argc < 7) return 2;
+    bool is_reliable = !std::strcmp(argv[2], "reliable"), is_latched = !std::strcmp(argv[3], "latch");
+    DomainParticipant *participant = participant_of(std::atoi(argv[1]));
     if (!participant) return 4;
     Publisher *publisher = participant->create_publisher(PUBLISHER_QOS_DEFAULT);
     Subscriber *subscriber = participant->create_subscriber(SUBSCRIBER_QOS_DEFAULT);
 
-    DataWriterQos offered = DATAWRITER_QOS_DEFAULT;
-    offered.reliability().kind = reliable ? RELIABLE_RELIABILITY_QOS : BEST_EFFORT_RELIABILITY_QOS;
-    offered.durability().kind = latch ? TRANSIENT_LOCAL_DURABILITY_QOS : VOLATILE_DURABILITY_QOS;
-    offered.history().depth = latch ? 1 : 1000;
-    offered.data_sharing().off();  // it leaves files in /dev/shm when the process is killed
-    DataReaderQos asked = DATAREADER_QOS_DEFAULT;
-    asked.data_sharing().off();
-    asked.reliability().kind = offered.reliability().kind;
-    asked.durability().kind = offered.durability().kind;
-    asked.history().depth = 1000;
+    DataWriterQos writer_qos = DATAWRITER_QOS_DEFAULT;
+    writer_qos.reliability().kind = is_reliable ? RELIABLE_RELIABILITY_QOS : BEST_EFFORT_RELIABILITY_QOS;
+    writer_qos.durability().kind = is_latched ? TRANSIENT_LOCAL_DURABILITY_QOS : VOLATILE_DURABILITY_QOS;
+    writer_qos.history().depth = is_latched ? 1 : 1000;
+    writer_qos.data_sharing().off();  // data sharing leaves files in /dev/shm when the process is killed
+    DataReaderQos reader_qos = DATAREADER_QOS_DEFAULT;
+    reader_qos.data_sharing().off();
+    reader_qos.reliability().kind = writer_qos.reliability().kind;
+    reader_qos.durability().kind = writer_qos.durability().kind;
+    reader_qos.history().depth = 1000;
 
-    DataWriter *says = nullptr;
+    DataWriter *own_writer = nullptr;
     std::vector<std::unique_ptr<Echo>> echoes;
-    for (char **word = words + 4; word + 2 < words + count; word += 3) {
-        TypeSupport type = type_of(word[0]);
+    for (char **triple = argv + 4; triple + 2 < argv + argc; triple += 3) {
+        TypeSupport type = type_of(triple[0]);
         type.register_type(participant);
-        Topic *out = participant->create_topic(word[2], word[0], TOPIC_QOS_DEFAULT);
-        DataWriter *writer = publisher->create_datawriter(out, offered);
-        if (!std::strcmp(word[1], "-")) {
-            says = writer;
+        Topic *output_topic = participant->create_topic(triple[2], triple[0], TOPIC_QOS_DEFAULT);
+        DataWriter *writer = publisher->create_datawriter(output_topic, writer_qos);
+        if (!std::strcmp(triple[1], "-")) {
+            own_writer = writer;
             continue;
         }
-        echoes.push_back(std::make_unique<Echo>(writer, type, std::strstr(word[0], "JointState_") != nullptr));
-        Topic *in = participant->create_topic(word[1], word[0], TOPIC_QOS_DEFAULT);
-        subscriber->create_datareader(in, asked, echoes.back().get());
+        echoes.push_back(std::make_unique<Echo>(writer, type, std::strstr(triple[0], "JointState_") != nullptr));
+        Topic *input_topic = participant->create_topic(triple[1], triple[0], TOPIC_QOS_DEFAULT);
+        subscriber->create_datareader(input_topic, reader_qos, echoes.back().get());
     }
     std::puts("ready");
     std::fflush(stdout);
-    if (says && latch) say(says);
+    if (own_writer && is_latched) publish_joint_state(own_writer);
     pollfd standard_input{0, POLLIN, 0};
     while (!poll(&standard_input, 1, 100))
-        if (says && !latch) say(says);
+        if (own_writer && !is_latched) publish_joint_state(own_writer);
     participant->delete_contained_entities();
     DomainParticipantFactory::get_instance()->delete_participant(participant);
     return 0;

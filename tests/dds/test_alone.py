@@ -21,7 +21,7 @@ from shmgen.runtime.region import header as h
 from ..support.dds import Domain
 from ..support.ros1 import Bridge
 from ..support.standby import Onlooker, a_plc_writes, file_of, made_anew
-from .conftest import Taken, until, wire
+from .conftest import Errors, until, wire
 
 LONGEST = 1.0
 """Seconds that the heartbeat of an undisturbed topic may pause. The bridge watches a PLC's region for 1.1 s."""
@@ -37,7 +37,7 @@ class BridgeRig:
         keys = dict.fromkeys("abcdef", "") | {"back": 'direction = "from_plc"\ndepth = 8'}
         self.entries = {name: ENTRY.format(topic=f"{topic}/{name}", keys=keys[name]) for name in keys}
         self.logged: dict[str, tuple[int, str, dict[str, str]]] = {}
-        graph.subscribe(wire(schema, "/diagnostics", "diagnostic_msgs/DiagnosticArray"), Taken(self._diagnosed))
+        graph.subscribe(wire(schema, "/diagnostics", "diagnostic_msgs/DiagnosticArray"), self._diagnosed, Errors())
         self.bridge = domain.bridge(self.config())
         self.outlets = {
             name: graph.publisher(wire(schema, f"{topic}/{name}", "geometry_msgs/Pose")) for name in "abcdef"
@@ -45,7 +45,8 @@ class BridgeRig:
         self.back: list[float] = []
         graph.subscribe(
             wire(schema, f"{topic}/back", "geometry_msgs/Pose"),
-            Taken(lambda message: self.back.append(message.position.x)),
+            lambda message: self.back.append(message.position.x),
+            Errors(),
         )
         kinds = Session(load(domain.folder / "shmgen.toml", "shmgen.toml", Report())).classes(["geometry_msgs/Pose"])
         self.kind = kinds["geometry_msgs/msg/Pose"]

@@ -25,6 +25,7 @@ from tests.softplc import compile_st
 from ..rigs.load_bridge import RATES, bridged
 from ..support.dds import Domain
 from ..support.ros1 import LIMIT, PROMPTLY, Bridge
+from .conftest import Errors
 from .peers import running
 
 CONFIG = """
@@ -148,7 +149,7 @@ def test_services_pass_both_ways(cell: Domain, graph: backend.Graph, topic: str)
     stop.set()
     thread.join()
 
-    graph.serve(called.wire, lambda request, answer: setattr(answer, "message", request.word.upper()), [].append)
+    graph.serve(called.wire, lambda request, answer: setattr(answer, "message", request.word.upper()), Errors())
     with call_class(ServiceClient, called.kinds)(called.entry.name) as plc:
         assert plc.call(SimpleNamespace(part=3, word="stop"), LIMIT).message == "STOP"
 

@@ -26,7 +26,7 @@ from shmgen.bridge.dds.entities import matches, quality, user_data_of
 from shmgen.bridge.dds.types import structure
 from shmgen.core.model import Schema
 
-from .conftest import Taken, until, wire
+from .conftest import Errors, until, wire
 
 
 def connect_graph(domain: int | None, logged: list[str], arguments: tuple[str, ...] = ()) -> backend.Graph:
@@ -63,7 +63,7 @@ def test_domains_are_separate(graph: backend.Graph, domain: int, schema: Schema,
     string_wire = wire(schema, topic, "std_msgs/String")
     other = connect_graph(domain % 100 + 1 if domain != 100 else 50, logged)
     received: list[Any] = []
-    other.subscribe(string_wire, Taken(received.append))
+    other.subscribe(string_wire, received.append, Errors())
     outlet = graph.publisher(string_wire)
     for _ in range(5):
         outlet.send(outlet.new())
@@ -81,7 +81,7 @@ def test_close_is_prompt_and_leaves_no_thread(
     before = threading.active_count()
     received: Queue[Any] = Queue()
     for _ in range(10):
-        other.subscribe(string_wire, Taken(received.put))
+        other.subscribe(string_wire, received.put, Errors())
     until(lambda: outlet.send(outlet.new()) or received.qsize() >= 10)
     assert threading.active_count() == before + 1, "one thread for all topics"
     started_at = time.monotonic()
@@ -98,7 +98,7 @@ def test_blocked_callback_does_not_delay_close(
     outlet = graph.publisher(string_wire)
     other = connect_graph(None, logged)
     inside, go = threading.Event(), threading.Event()
-    other.subscribe(string_wire, Taken(lambda message: (inside.set(), go.wait(10))))
+    other.subscribe(string_wire, lambda message: (inside.set(), go.wait(10)), Errors())
     until(lambda: outlet.send(outlet.new()) or inside.is_set())
     started_at = time.monotonic()
     other.close()
@@ -116,7 +116,7 @@ def test_repeated_error_of_a_callback_is_logged_once(
         received.put(message)
         raise RuntimeError("of ours")
 
-    graph.subscribe(string_wire, Taken(callback))
+    graph.subscribe(string_wire, callback, Errors())
     outlet = graph.publisher(string_wire)
     until(lambda: outlet.send(outlet.new()) or received.qsize() >= 3)
     assert logged == [f"rt{topic}: RuntimeError: of ours"]
@@ -129,20 +129,20 @@ def test_another_definition_is_refused(graph: backend.Graph, schema: Schema, top
     graph.publisher(back_wire)
     reader = graph._ends.reader(f"rt{topic}_back", kind, other)
     until(lambda: any(line.startswith(f"{topic}_back: a peer defines std_msgs/String ") for line in logged), 20)
-    sink = Taken(lambda message: None)
-    graph.subscribe(ours, sink)
+    errors = Errors()
+    graph.subscribe(ours, lambda message: None, errors)
     writer = graph._ends.writer(f"rt{topic}", kind, other)
-    until(lambda: sink.logged, 20)  # the incompatible peer is reported when it matches
+    until(lambda: errors.logged, 20)  # the incompatible peer is reported when it matches
     # Cyclone's own writers send no bytes that Cyclone drops, so call what runs when it logs such a message.
     graph._dropped.calls[f"rt{topic}"][1]("too short")
-    assert "its type hash is RIHS01_1111" in sink.logged[-1]
+    assert "its type hash is RIHS01_1111" in errors.logged[-1]
     del reader, writer
 
 
 def test_non_utf8_is_logged(graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]) -> None:
     """Log Latin-1 text of a peer, and pass the next message."""
     received: Queue[Any] = Queue()
-    graph.subscribe(wire(schema, topic, "std_msgs/String"), Taken(received.put, logged))
+    graph.subscribe(wire(schema, topic, "std_msgs/String"), received.put, Errors(logged))
     kind: Any = make_idl_struct("String", "std_msgs::msg::dds_::String_", {"data_": str})
     participant = DomainParticipant(domain)
     reliable = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
@@ -189,20 +189,20 @@ def test_queue_overflow_is_reported(graph: backend.Graph, schema: Schema, topic:
         inside.set()
         go.wait(60)
 
-    sink = Taken(callback)
-    graph.subscribe(string_wire, sink)
+    errors = Errors()
+    graph.subscribe(string_wire, callback, errors)
     outlet = graph.publisher(string_wire)
     message = outlet.new()
     until(lambda: outlet.send(message) or inside.is_set())
     for _ in range(string_wire.queue + 10):
         outlet.send(message)
-    assert not sink.lost
+    assert not errors.lost
     go.set()
     until(lambda: len(received) > string_wire.queue, 20)
-    assert sink.lost == 1
+    assert errors.lost == 1
     outlet.send(message)
     until(lambda: len(received) > string_wire.queue + 1, 20)
-    assert sink.lost == 1
+    assert errors.lost == 1
 
 
 def test_oldest_peers_are_forgotten() -> None:

@@ -20,7 +20,7 @@ from shmgen.bridge.dds.types import topic_name
 from shmgen.core.model import Schema
 
 from ..support.schemas import plain
-from .conftest import TYPES, Taken, until, wire
+from .conftest import TYPES, Errors, until, wire
 from .peers import running
 from .values import values
 
@@ -44,7 +44,7 @@ def test_peer_echoes_random_messages_unchanged(
     for number, request in enumerate(TYPES):
         sent, back = wire(schema, f"{topic}/there{number}", request), wire(schema, f"{topic}/back{number}", request)
         received: Queue[Any] = Queue()
-        graph.subscribe(back, Taken(received.put))
+        graph.subscribe(back, received.put, Errors())
         routes.append((sent, graph.publisher(sent), received))
         tasks += task(sent, back)
     with running(peer, domain, "reliable", "volatile", *tasks):
@@ -68,8 +68,8 @@ def test_peer_and_bridge_read_each_others_values(
     own = wire(schema, f"{topic}/said", JOINT_STATE, qos=qos)
     received: Queue[Any] = Queue()
     own_states: Queue[Any] = Queue()
-    graph.subscribe(back, Taken(received.put))
-    graph.subscribe(own, Taken(own_states.put))
+    graph.subscribe(back, received.put, Errors())
+    graph.subscribe(own, own_states.put, Errors())
     outlet = graph.publisher(sent)
     with running(peer, domain, qos, "volatile", *task(sent, back), *task(own)) as program:
         state = own_states.get(timeout=10)
@@ -93,8 +93,8 @@ def test_late_subscriber_receives_the_newest_message(
         assert not [line for line in program.lines if re.match("took [01][.]", line)]
         received: Queue[Any] = Queue()
         own_states: Queue[Any] = Queue()
-        graph.subscribe(back, Taken(received.put))
-        graph.subscribe(own, Taken(own_states.put))
+        graph.subscribe(back, received.put, Errors())
+        graph.subscribe(own, own_states.put, Errors())
         assert received.get(timeout=10).header.stamp.sec == 2
         assert_is_peer_state(own_states.get(timeout=10))
 
@@ -104,7 +104,7 @@ def test_restarted_peer_is_discovered_again(
 ) -> None:
     own = wire(schema, topic, JOINT_STATE)
     received: Queue[Any] = Queue()
-    graph.subscribe(own, Taken(received.put))
+    graph.subscribe(own, received.put, Errors())
     for _ in range(2):
         with running(peer, domain, "reliable", "volatile", *task(own)) as program:
             assert_is_peer_state(received.get(timeout=10))
@@ -117,12 +117,12 @@ def test_peer_of_another_reliability_is_adopted_or_reported(
     peer: Path, graph: backend.Graph, domain: int, schema: Schema, topic: str, logged: list[str]
 ) -> None:
     own = wire(schema, topic, JOINT_STATE, qos="reliable")
-    fixed = graph.subscribe(own, Taken(lambda message: logged.append("a message")))
+    fixed = graph.subscribe(own, lambda message: logged.append("a message"), Errors())
     with running(peer, domain, "best_effort", "volatile", *task(own)):
         until(fixed.qos_problem)
         assert "a publisher is best effort and volatile" in fixed.qos_problem()
         received: Queue[Any] = Queue()
-        adopting = graph.subscribe(replace(own, qos="auto"), Taken(received.put))
+        adopting = graph.subscribe(replace(own, qos="auto"), received.put, Errors())
         until(lambda: adopting.qos_problem() or not received.empty())
         assert not adopting.qos_problem()
     until(lambda: not fixed.qos_problem(), 30)
@@ -142,7 +142,7 @@ def test_stopped_reliable_peer_does_not_block_the_publisher(
     type_name_ = "std_msgs/ByteMultiArray"
     sent, back = (wire(schema, f"{topic}/{name}", type_name_, sample_size=100_000) for name in ("there", "back"))
     received: Queue[Any] = Queue()
-    graph.subscribe(back, Taken(received.put))
+    graph.subscribe(back, received.put, Errors())
     outlet = graph.publisher(sent)
     message = outlet.new()
     message.data = numpy.zeros(100_000, dtype=numpy.uint8)

@@ -28,7 +28,7 @@ from shmgen.config import Config
 from shmgen.generator import pipeline
 
 from ..support.dds import this_machine, without_fast_dds
-from .conftest import until
+from .conftest import Errors, until
 
 SERVICE = "int64 number\nstring word\n---\nbool success\nstring message\n"
 NAMES = ("Ask_Request", "Ask_Response")
@@ -109,7 +109,7 @@ def test_client_receives_the_reply_to_its_call(graph: backend.Graph, domain: int
             raise NoAnswer("the PLC is in stop")
         response.success, response.message = True, f"{request.word} {request.number}"
 
-    graph.serve(wire, answer, [].append)
+    graph.serve(wire, answer, Errors())
     client = PeerSide(domain, wire.name, "clientid")
     until(client.matched)
     client.writer.write(REQUEST(2**63 + 1, 7, -1, "lost"))
@@ -121,7 +121,7 @@ def test_client_receives_the_reply_to_its_call(graph: backend.Graph, domain: int
 def test_reply_waits_until_the_reader_is_known(graph: backend.Graph, domain: int, wire: ServiceWire) -> None:
     """Keep the reply, because discovery may report a client's writer some time before its reader."""
     request_received = threading.Event()
-    graph.serve(wire, lambda request, response: request_received.set(), [].append)
+    graph.serve(wire, lambda request, response: request_received.set(), Errors())
     client = PeerSide(domain, wire.name, "clientid", reads=False)
     until(client.writer.get_matched_subscriptions, 20)
     client.writer.write(REQUEST(1, 9, 0, ""))
@@ -135,7 +135,7 @@ def test_failed_call_is_logged(graph: backend.Graph, domain: int, wire: ServiceW
     def answer(request: Any, response: Any) -> None:
         raise NoAnswer("the PLC is in stop")
 
-    graph.serve(wire, answer, [].append)
+    graph.serve(wire, answer, Errors())
     client = PeerSide(domain, wire.name, "clientid")
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
@@ -176,7 +176,7 @@ def test_call_without_answer_times_out(graph: backend.Graph, domain: int, wire: 
 
 
 def test_bridge_calls_its_own_service(graph: backend.Graph, wire: ServiceWire) -> None:
-    graph.serve(wire, lambda request, response: setattr(response, "message", request.word), [].append)
+    graph.serve(wire, lambda request, response: setattr(response, "message", request.word), Errors())
     caller = graph.client(wire)
     request = caller.new()
     request.word = "echo"
@@ -188,7 +188,7 @@ def test_removed_service_leaves_the_graph(graph: backend.Graph, domain: int, wir
     client = PeerSide(domain, wire.name, "clientid")
     for answer in ("before", "again"):
         graph.undo = []
-        graph.serve(wire, lambda request, response, word=answer: setattr(response, "message", word), [].append)
+        graph.serve(wire, lambda request, response, word=answer: setattr(response, "message", word), Errors())
         until(client.matched, 20)
         client.writer.write(REQUEST(1, 1, 1, ""))
         assert client.reader.take_one(timeout=20 * 10**9).message_ == answer
@@ -205,7 +205,7 @@ def test_client_of_another_definition_does_not_reach_the_plc(
     graph: backend.Graph, domain: int, wire: ServiceWire, logged: list[str]
 ) -> None:
     refused: list[str] = []
-    graph.serve(wire, lambda request, response: logged.append("answered"), refused.append)
+    graph.serve(wire, lambda request, response: logged.append("answered"), Errors(refused))
     client = PeerSide(domain, wire.name, "clientid", user_data=ANOTHER)
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
@@ -231,7 +231,7 @@ def test_client_of_another_middleware_does_not_reach_the_plc(
     graph: backend.Graph, domain: int, wire: ServiceWire, logged: list[str]
 ) -> None:
     refused: list[str] = []
-    graph.serve(wire, lambda request, response: logged.append("answered"), refused.append)
+    graph.serve(wire, lambda request, response: logged.append("answered"), Errors(refused))
     client = PeerSide(domain, wire.name, "clientid", known=False)
     until(client.matched)
     client.writer.write(REQUEST(1, 1, 1, ""))
@@ -248,7 +248,7 @@ def test_client_of_another_middleware_does_not_reach_the_plc(
 def test_malformed_request_is_refused(graph: backend.Graph, domain: int, wire: ServiceWire, logged: list[str]) -> None:
     """Refuse a request with rmw_cyclonedds's header from a client that announces no client id."""
     refused: list[str] = []
-    graph.serve(wire, lambda request, response: logged.append("answered"), refused.append)
+    graph.serve(wire, lambda request, response: logged.append("answered"), Errors(refused))
     client = PeerSide(domain, wire.name, "clientid", known=False)
     until(client.matched, 20)
     client.writer.write(REQUEST(1, 1, 1, ""))
@@ -334,5 +334,5 @@ def test_fast_dds_matches_replies_and_leaves_nothing(domain: int, topic: str) ->
     assert logged == []
 
 
-def ignore_peer(words: list[str], is_writer: bool) -> None:
+def ignore_peer(words: dict[str, str], is_writer: bool) -> None:
     """Ignore reports of peers."""

@@ -25,7 +25,7 @@ from shmgen.generator import pipeline
 from shmgen.live.classes import publisher, subscriber
 
 from ..support.schemas import plain, random_message
-from .conftest import Taken
+from .conftest import Errors
 from .values import values
 
 RELIABLE = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
@@ -43,7 +43,7 @@ def test_every_message_type_passes_dds_and_a_region(graph: backend.Graph, domain
         messages = closure(schema, name)
         to_plc, from_plc = Wire(f"{topic}/there{number}", messages), Wire(f"{topic}/back{number}", messages)
         decoded = Queue[Any]()
-        graph.subscribe(to_plc, Taken(decoded.put))
+        graph.subscribe(to_plc, decoded.put, Errors())
         outlet = graph.publisher(from_plc)
         cyclone_type = cyclone_class(messages)
         writer = DataWriter(participant, Topic(participant, topic_name(to_plc.name), cyclone_type), RELIABLE)

@@ -2,9 +2,9 @@
 
     python -m tests.explorer [--instead FOLDER] [--seconds N] [--faults] [NAME ...]
 
-With names, only these scenes are explored, and each step of a found schedule is printed. `--instead` replaces generated
-headers and Structured Text by the files of a folder that have the same names. A change of the protocol can thus be
-tried before it is implemented.
+With names, only these scenes are explored, and each step of a failed schedule is printed. `--instead` replaces
+generated headers and Structured Text by the files of a folder that have the same names. You can thus try a change of
+the protocol before you implement it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from .scenes import SCENES
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.explorer")
     parser.add_argument("--instead", type=Path)
-    parser.add_argument("--seconds", type=float, default=600, help="for each scene, at most")
-    parser.add_argument("--faults", action="store_true", help="the planted faults as well")
+    parser.add_argument("--seconds", type=float, default=600, help="the limit of each scene")
+    parser.add_argument("--faults", action="store_true", help="also explore the planted faults")
     parser.add_argument("names", nargs="*", metavar="NAME")
     options = parser.parse_args()
     if tools := missing():
-        print(f"not here: {', '.join(tools)}")
+        print(f"not installed: {', '.join(tools)}")
         return 1
     if unknown := set(options.names) - set(SCENES):
-        print(f"no such scene: {', '.join(sorted(unknown))}; there are: {', '.join(SCENES)}")
+        print(f"unknown scene: {', '.join(sorted(unknown))}; known scenes: {', '.join(SCENES)}")
         return 1
     with tempfile.TemporaryDirectory(prefix="shmgen-explorer-") as name:
         failures = _scenes(options, Path(name)) + (_faults(options, Path(name)) if options.faults else 0)
@@ -41,7 +41,7 @@ def main() -> int:
 
 def format_verdict(verdict: dict[str, Any]) -> str:
     """Return a result as one line of text."""
-    result = verdict["found"] or ("holds" if verdict["complete"] else "nothing found, not complete")
+    result = verdict["found"] or ("no error" if verdict["complete"] else "no error found, search not finished")
     return f"{result}, {verdict['schedules']:,} schedules, {verdict['seconds']:.2f} s"
 
 

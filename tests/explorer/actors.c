@@ -1,4 +1,4 @@
-/* Actors are ends in coroutines; in front of each step of one another may go on, or it may crash or stand still. */
+/* Actors are endpoints in coroutines. Before each step of an actor, another may continue, or the actor may crash or stall. */
 #include "explorer.h"
 
 #include <stdarg.h>
@@ -15,15 +15,15 @@ enum actor_state { READY, SLEEPS, ENDED, CRASHED };
 
 typedef struct actor {
     const char *text; /* "reader n=3" */
-    const end *end;
+    const endpoint *endpoint;
     void *stack;
     enum actor_state state;
     bool crashes, stalls;
     int64_t wake;
     sleep_word words[WORDS];
-    int words_count, woken; /* woken: 1 + the word for which somebody has woken it */
+    int words_count, woken; /* woken: 1 + index of the word on which an actor has woken this one */
     long steps;
-    uint64_t learnt;
+    uint64_t observed;
 } actor;
 
 static actor actors[ACTORS];
@@ -33,9 +33,9 @@ static void *main_stack;
 static long steps;
 
 int allowed[BUDGETS], left[BUDGETS], self, stalls;
-bool quiet, printing;
+bool without_steps, printing;
 int64_t now, limit;
-uint64_t known[KNOWN];
+uint64_t check_values[CHECK_VALUES];
 char failure[256], scene_settings[512];
 
 /* --- coroutines -------------------------------------------------------------------------------------------- */
@@ -44,7 +44,7 @@ void switch_stack(void **from, void *to);
 __asm__(".globl switch_stack\nswitch_stack:\n push %rbp\n push %rbx\n push %r12\n push %r13\n push %r14\n push %r15\n"
         " mov %rsp,(%rdi)\n mov %rsi,%rsp\n pop %r15\n pop %r14\n pop %r13\n pop %r12\n pop %rbx\n pop %rbp\n ret\n");
 
-void leave(void)
+void end_schedule(void)
 {
     void *never;
     switch_stack(&never, main_stack);
@@ -52,54 +52,54 @@ void leave(void)
 
 static void finish(enum actor_state state)
 {
-    let_out(self);
+    flush_stores(self);
     actors[self].state = state;
     close_all(self);
 }
 
 static void act(void)
 {
-    actors[self].end->run();
-    step(); /* others may go on before its last stores are out */
-    say("ends");
+    actors[self].endpoint->run();
+    step(); /* others may continue before the last stores leave the buffer */
+    trace("ends");
     finish(ENDED);
-    turn(true);
+    pick_next_actor(true);
 }
 
-static void reset(actor *who)
+static void reset(actor *one)
 {
-    void **top = (void **)(void *)(stacks[who - actors] + STACK - 64);
+    void **top = (void **)(void *)(stacks[one - actors] + STACK - 64);
     *--top = NULL;
     *--top = (void *)act;
     for (int i = 0; i < 6; i++)
         *--top = NULL;
-    who->stack = top;
-    who->state = READY;
-    who->steps = who->wake = who->words_count = who->woken = 0;
-    who->learnt = (uint64_t)(who - actors);
+    one->stack = top;
+    one->state = READY;
+    one->steps = one->wake = one->words_count = one->woken = 0;
+    one->observed = (uint64_t)(one - actors);
 }
 
 void add_actor(const char *text)
 {
-    static const end *const all[] = {c_ends, call_ends, plc_ends, litmus_ends};
-    actor *who = &actors[actors_count++];
+    static const endpoint *const all[] = {c_endpoints, call_endpoints, plc_endpoints, litmus_endpoints};
+    actor *one = &actors[actors_count++];
     const size_t length = strcspn(text, " ");
     if (actors_count <= ACTORS)
         for (int i = 0; i < 4; i++)
-            for (const end *one = all[i]; one->name != NULL; one++)
-                if (strlen(one->name) == length && strncmp(one->name, text, length) == 0)
-                    who->end = one;
-    if (actors_count > ACTORS || who->end == NULL) {
-        fprintf(stderr, "no such end, or too many: %s\n", text);
+            for (const endpoint *candidate = all[i]; candidate->name != NULL; candidate++)
+                if (strlen(candidate->name) == length && strncmp(candidate->name, text, length) == 0)
+                    one->endpoint = candidate;
+    if (actors_count > ACTORS || one->endpoint == NULL) {
+        fprintf(stderr, "unknown endpoint, or too many: %s\n", text);
         exit(2);
     }
-    who->text = text;
+    one->text = text;
     self = actors_count - 1;
-    who->crashes = told("crash", 0) != 0;
-    who->stalls = told("stall", 0) != 0;
+    one->crashes = setting("crash", 0) != 0;
+    one->stalls = setting("stall", 0) != 0;
 }
 
-/* The number behind " name=" in a text. */
+/* Set `*value` to the number after " name=" in a text. */
 static bool find_setting(const char *text, const char *name, int64_t *value)
 {
     const size_t length = strlen(name);
@@ -111,32 +111,32 @@ static bool find_setting(const char *text, const char *name, int64_t *value)
     return false;
 }
 
-int64_t told(const char *name, int64_t usual)
+int64_t setting(const char *name, int64_t fallback)
 {
-    if (actors[self].text == NULL || !find_setting(actors[self].text, name, &usual))
-        find_setting(scene_settings, name, &usual);
-    return usual;
+    if (actors[self].text == NULL || !find_setting(actors[self].text, name, &fallback))
+        find_setting(scene_settings, name, &fallback);
+    return fallback;
 }
 
 /* --- steps ------------------------------------------------------------------------------------------------- */
 
-static bool wakes(const actor *who)
+static bool is_wake_due(const actor *one)
 {
-    if (who->wake <= now || who->woken != 0)
+    if (one->wake <= now || one->woken != 0)
         return true;
-    for (int i = 0; i < who->words_count; i++)
-        if (!who->words[i].wants_wake && (uint32_t)get(who->words[i].at, 4) != who->words[i].value)
+    for (int i = 0; i < one->words_count; i++)
+        if (!one->words[i].wants_wake && (uint32_t)get(one->words[i].at, 4) != one->words[i].value)
             return true;
     return false;
 }
 
-static bool can_go(const actor *who)
+static bool can_run(const actor *one)
 {
-    return who->state == READY || (who->state == SLEEPS && wakes(who));
+    return one->state == READY || (one->state == SLEEPS && is_wake_due(one));
 }
 
-/* When nobody can go on, the clock does. */
-static void let_time_pass(void)
+/* Advance the clock to the next wake-up, because all actors sleep. */
+static void advance_clock(void)
 {
     int64_t next = NEVER;
     for (int i = 0; i < actors_count; i++)
@@ -145,23 +145,23 @@ static void let_time_pass(void)
     if (next == NEVER) {
         for (int i = 0; i < actors_count; i++)
             if (actors[i].state == SLEEPS)
-                fail("STUCK: %c sleeps for ever", 'A' + i);
-        leave();
+                fail("STUCK: %c sleeps forever", 'A' + i);
+        end_schedule();
     }
     now = next;
     if (limit != 0 && now > limit)
-        fail("SLOW: not done in time");
+        fail("SLOW: the scene exceeds its time limit");
 }
 
-static int options_here(option *options, bool gives_way)
+static int list_options(option *options, bool yields)
 {
     const actor *me = &actors[self];
-    const bool can = can_go(me);
+    const bool can = can_run(me);
     int count = 0;
     if (can)
         options[count++] = (option){'>', self};
     for (int i = 0; i < actors_count; i++)
-        if (i != self && can_go(&actors[i]) && (!can || gives_way || left[PREEMPTIONS] > 0))
+        if (i != self && can_run(&actors[i]) && (!can || yields || left[PREEMPTIONS] > 0))
             options[count++] = (option){'>', i};
     if (can && me->crashes && left[CRASHES] > 0)
         options[count++] = (option){'!', self};
@@ -173,36 +173,36 @@ static int options_here(option *options, bool gives_way)
 static void crash(void)
 {
     left[CRASHES]--;
-    say("CRASHES");
+    trace("CRASHES");
     finish(CRASHED);
 }
 
-static void stand_still(void)
+static void stall(void)
 {
     actor *me = &actors[self];
     left[STALLS]--;
     stalls++;
-    say("STANDS STILL for 2 s");
-    let_out(self);
+    trace("STALLS for 2 s");
+    flush_stores(self);
     me->state = SLEEPS;
     me->wake = now + STALL_NS;
     me->words_count = me->woken = 0;
 }
 
-void turn(bool gives_way)
+void pick_next_actor(bool yields)
 {
     const int me = self;
-    if (quiet)
+    if (without_steps)
         return;
     actors[me].steps++;
     if (++steps > STEPS)
-        fail("ENDLESS: no end after %d steps", STEPS);
+        fail("ENDLESS: the schedule has not ended after %d steps", STEPS);
     for (bool chosen = false; !chosen;) {
         option options[ACTORS + 2], next;
-        const bool forced = gives_way || !can_go(&actors[self]);
-        const int count = options_here(options, gives_way);
+        const bool forced = yields || !can_run(&actors[self]);
+        const int count = list_options(options, yields);
         if (count == 0) {
-            let_time_pass();
+            advance_clock();
             continue;
         }
         next = choose(options, count);
@@ -210,9 +210,9 @@ void turn(bool gives_way)
         if (next.kind == '!')
             crash();
         else if (next.kind == '~')
-            stand_still();
+            stall();
         else if (next.which != self) {
-            say(forced ? "... gives way to %c" : "... is pre-empted by %c", 'A' + next.which);
+            trace(forced ? "... yields to %c" : "... is pre-empted by %c", 'A' + next.which);
             if (!forced && allowed[PREEMPTIONS] < UNBOUNDED)
                 left[PREEMPTIONS]--;
             self = next.which;
@@ -220,7 +220,7 @@ void turn(bool gives_way)
     }
     actors[self].state = READY;
     if (self != me)
-        switch_stack(&actors[me].stack, actors[self].stack); /* comes back when somebody has chosen `me` */
+        switch_stack(&actors[me].stack, actors[self].stack); /* returns when `me` is chosen again */
 }
 
 /* --- sleeping ---------------------------------------------------------------------------------------------- */
@@ -229,39 +229,39 @@ int sleep_until(int64_t until, const sleep_word *words, int count)
 {
     actor *me = &actors[self];
     int which = -1;
-    if (quiet) {
+    if (without_steps) {
         now = until;
         return -1;
     }
-    let_out(self);
+    flush_stores(self);
     me->state = SLEEPS;
     me->wake = until;
     me->words_count = count;
     me->woken = 0;
     for (int i = 0; i < count; i++)
         me->words[i] = words[i];
-    turn(true);
+    pick_next_actor(true);
     if (me->woken != 0)
         which = me->woken - 1;
     for (int i = 0; i < count && which < 0; i++)
         if (!words[i].wants_wake && (uint32_t)get(words[i].at, 4) != words[i].value)
             which = i;
     me->words_count = 0;
-    saw('z', NULL, mixed((uint64_t)which, (uint64_t)now));
+    observe('z', NULL, mix((uint64_t)which, (uint64_t)now));
     return which;
 }
 
 void pause_ms(int64_t ms)
 {
-    say("sleeps for %lld ms", (long long)ms);
+    trace("sleeps for %lld ms", (long long)ms);
     sleep_until(now + ms * MS, NULL, 0);
 }
 
-/* Which word of his an actor is to be woken for, -1: none. */
-static int sleeps_for(const actor *who, const void *word)
+/* Return the index of `word` among the words on which a sleeping actor can be woken, or -1. */
+static int index_of_wake_word(const actor *one, const void *word)
 {
-    for (int i = 0; i < who->words_count && who->state == SLEEPS && who->woken == 0; i++)
-        if (who->words[i].at == word && who->words[i].wants_wake)
+    for (int i = 0; i < one->words_count && one->state == SLEEPS && one->woken == 0; i++)
+        if (one->words[i].at == word && one->words[i].wants_wake)
             return i;
     return -1;
 }
@@ -269,20 +269,20 @@ static int sleeps_for(const actor *who, const void *word)
 int wake(const void *word, int count)
 {
     int woken = 0;
-    while (!quiet && woken < count) {
+    while (!without_steps && woken < count) {
         option sleepers[ACTORS], next;
-        int found = 0;
+        int sleeper_count = 0;
         for (int i = 0; i < actors_count; i++)
-            if (sleeps_for(&actors[i], word) >= 0)
-                sleepers[found++] = (option){'*', i};
-        if (found == 0)
+            if (index_of_wake_word(&actors[i], word) >= 0)
+                sleepers[sleeper_count++] = (option){'*', i};
+        if (sleeper_count == 0)
             break;
-        next = found <= count - woken ? sleepers[0] : choose(sleepers, found);
-        actors[next.which].woken = sleeps_for(&actors[next.which], word) + 1;
-        say("wakes %c", 'A' + next.which);
+        next = sleeper_count <= count - woken ? sleepers[0] : choose(sleepers, sleeper_count);
+        actors[next.which].woken = index_of_wake_word(&actors[next.which], word) + 1;
+        trace("wakes %c", 'A' + next.which);
         woken++;
     }
-    saw('k', word, (uint64_t)woken);
+    observe('k', word, (uint64_t)woken);
     return woken;
 }
 
@@ -301,29 +301,29 @@ long steps_of(int actor)
     return actors[actor].steps;
 }
 
-/* --- what is learnt, and told ------------------------------------------------------------------------------ */
+/* --- observed values and output ---------------------------------------------------------------------------- */
 
-void saw(char what, const void *at, uint64_t value)
+void observe(char what, const void *at, uint64_t value)
 {
     actor *me = &actors[self];
-    me->learnt = mixed(mixed(me->learnt, (uint64_t)(unsigned char)what << 56 ^ (uint64_t)(uintptr_t)at), value);
+    me->observed = mix(mix(me->observed, (uint64_t)(unsigned char)what << 56 ^ (uint64_t)(uintptr_t)at), value);
 }
 
 uint64_t state_hash(void)
 {
-    uint64_t hash = mixed(mixed(memory_hash(), files_hash()), (uint64_t)now);
-    for (const actor *who = actors; who < actors + actors_count; who++) {
-        hash = mixed(mixed(hash, who->learnt * 4 + who->state), (uint64_t)who->steps); /* some tell it nothing: a close */
-        if (who->state == SLEEPS)
-            hash = mixed(hash, (uint64_t)who->wake * 8 + (uint64_t)who->woken);
+    uint64_t hash = mix(mix(memory_hash(), files_hash()), (uint64_t)now);
+    for (const actor *one = actors; one < actors + actors_count; one++) {
+        hash = mix(mix(hash, one->observed * 4 + one->state), (uint64_t)one->steps); /* a step may observe nothing */
+        if (one->state == SLEEPS)
+            hash = mix(hash, (uint64_t)one->wake * 8 + (uint64_t)one->woken);
     }
-    for (uint64_t i = 0; i < KNOWN; i++)
-        if (known[i] != 0)
-            hash = mixed(hash, known[i] * 256 + i);
+    for (uint64_t i = 0; i < CHECK_VALUES; i++)
+        if (check_values[i] != 0)
+            hash = mix(hash, check_values[i] * 256 + i);
     return hash;
 }
 
-void tell(const char *format, ...)
+void print_step(const char *format, ...)
 {
     va_list values;
     printf("%9.1f ms %*s%c%-4ld", (double)(now - 1000000 * MS) / (double)MS, self * 20, "", 'A' + self, actors[self].steps);
@@ -341,9 +341,9 @@ void fail(const char *format, ...)
         vsnprintf(failure, sizeof failure, format, values);
         va_end(values);
     }
-    say("** %s", failure);
-    if (!quiet)
-        leave();
+    trace("** %s", failure);
+    if (!without_steps)
+        end_schedule();
 }
 
 /* --- one schedule ------------------------------------------------------------------------------------------ */
@@ -356,17 +356,17 @@ long run_actors(void)
     now = 1000000 * MS;
     for (int i = 0; i < BUDGETS; i++)
         left[i] = allowed[i];
-    memset(known, 0, sizeof known);
+    memset(check_values, 0, sizeof check_values);
     memory_reset();
     files_reset();
     for (int i = 0; i < actors_count; i++) {
         reset(&actors[i]);
         first[i] = (option){'>', i};
     }
-    quiet = true;
+    without_steps = true;
     set_up();
-    quiet = false;
-    limit = told("ms", 0) != 0 ? now + told("ms", 0) * MS : 0;
+    without_steps = false;
+    limit = setting("ms", 0) != 0 ? now + setting("ms", 0) * MS : 0;
     self = choose(first, actors_count).which;
     switch_stack(&main_stack, actors[self].stack);
     return steps;

@@ -26,8 +26,8 @@ DEFINITIONS = {
 }
 _SOFTPLC = HERE.parent / "softplc"
 _CORE = ("search.c", "actors.c", "memory.c", "files.c", "system.c", "checks.c")
-"""The explorer itself. All other sources are ends, in which the compiler calls memory.c for each access."""
-_ENDS = ("ends.c", "calls.c", "litmus.c")
+"""The explorer itself. All other sources are endpoints, in which the compiler calls memory.c for each access."""
+_ENDPOINTS = ("endpoints.c", "calls.c", "litmus.c")
 _RENAMED = [f"-D{name}=explored_{name}" for name in ("memcpy", "calloc", "free")]
 _STEPS = ("-O1", "-fsanitize=thread", "-Wno-tsan", "-DSHMGEN_LOOKS_FIRST=1")
 """With the thread sanitizer, the headers switch SHMGEN_LOOKS_FIRST off; this switches it on, as shipped."""
@@ -60,9 +60,9 @@ def generate(folder: Path, sync: str = "lock") -> dict[str, str]:
 
 def replace_files(texts: Mapping[str, str], folder: Path) -> dict[str, str]:
     """Return `texts`, with files of the same name in `folder` in place of the generated files."""
-    others = {path.name: path.read_text() for path in folder.rglob("*") if path.suffix in (".h", ".st")}
-    assert others.keys() <= {Path(path).name for path in texts}, f"{folder} holds files that are not generated"
-    return {path: others.get(Path(path).name, text) for path, text in texts.items()}
+    replacements = {path.name: path.read_text() for path in folder.rglob("*") if path.suffix in (".h", ".st")}
+    assert replacements.keys() <= {Path(path).name for path in texts}, f"{folder} contains files that are not generated"
+    return {path: replacements.get(Path(path).name, text) for path, text in texts.items()}
 
 
 def build(folder: Path, texts: Mapping[str, str]) -> Path:
@@ -81,7 +81,7 @@ def build(folder: Path, texts: Mapping[str, str]) -> Path:
     includes = [f"-I{path}" for path in (HERE, headers, headers / PACKAGE, _SOFTPLC)]
     c = {name: text for name, text in texts.items() if name.endswith(".h")}
     jobs = [(HERE / name, [*_C, "-O2", *includes], c if name == "files.c" else {}) for name in _CORE]
-    jobs += [(HERE / name, [*_C, *_STEPS, *_RENAMED, *includes], c) for name in _ENDS]
+    jobs += [(HERE / name, [*_C, *_STEPS, *_RENAMED, *includes], c) for name in _ENDPOINTS]
     jobs += [(HERE / "plc.cpp", [*_CPP, *_STEPS, *includes, "-include", str(folder / "plc.hpp")], {"plc.hpp": unit})]
     jobs += [(_SOFTPLC / "shim.c", [*_C, "-O1", "-w", *includes], {})]
     with ThreadPoolExecutor(os.cpu_count()) as pool:

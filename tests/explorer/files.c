@@ -1,6 +1,6 @@
-/* Files and record locks, as the ends know them: regions and semaphores in /dev/shm.
+/* Simulated files and record locks: the regions and semaphores in /dev/shm.
  *
- * The linker takes these before the C library's. What opens a file is a step only where opening=1 says so.
+ * The linker prefers these functions to those of the C library. Opening a file is a step only if opening=1 is set.
  */
 #define _GNU_SOURCE
 #include "explorer.h"
@@ -16,8 +16,8 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 
-#define OPEN 12 /* descriptors of an actor */
-#define FIRST 100
+#define DESCRIPTORS 12 /* for each actor */
+#define FIRST_FD 100
 #define LOCKS 24
 
 typedef struct inode {
@@ -27,14 +27,14 @@ typedef struct inode {
 } inode;
 
 static inode inodes[FILES];
-static int8_t opened[ACTORS * OPEN]; /* 1 + inode, 0: a descriptor that is free */
-static struct { int8_t file, byte, kind; } locks[LOCKS]; /* file: 1 + descriptor, 0: none */
+static int8_t descriptors[ACTORS * DESCRIPTORS]; /* 1 + inode; 0: unused */
+static struct { int8_t file, byte, kind; } locks[LOCKS]; /* file: 1 + descriptor; 0: unused */
 static int inodes_count;
 
 void files_reset(void)
 {
     memset(inodes, 0, sizeof inodes);
-    memset(opened, 0, sizeof opened);
+    memset(descriptors, 0, sizeof descriptors);
     memset(locks, 0, sizeof locks);
     inodes_count = 0;
 }
@@ -43,36 +43,36 @@ uint64_t files_hash(void)
 {
     uint64_t hash = 0;
     for (int i = 0; i < inodes_count; i++)
-        hash = mixed(hash, (uint64_t)(inodes[i].size * 2 + inodes[i].linked));
-    for (int i = 0; i < LOCKS; i++) /* in whatever order they came */
-        hash += locks[i].file != 0 ? mixed(1, (uint64_t)(locks[i].file * 4096 + locks[i].byte * 16 + locks[i].kind)) : 0;
+        hash = mix(hash, (uint64_t)(inodes[i].size * 2 + inodes[i].linked));
+    for (int i = 0; i < LOCKS; i++) /* independent of the order of acquisition */
+        hash += locks[i].file != 0 ? mix(1, (uint64_t)(locks[i].file * 4096 + locks[i].byte * 16 + locks[i].kind)) : 0;
     return hash;
 }
 
 static bool has_locks(int file)
 {
-    bool found = false;
+    bool has_lock = false;
     for (int i = 0; i < LOCKS; i++)
-        found = found || locks[i].file == file - FIRST + 1;
-    return found;
+        has_lock = has_lock || locks[i].file == file - FIRST_FD + 1;
+    return has_lock;
 }
 
 static void forget_locks(int file)
 {
     for (int i = 0; i < LOCKS; i++)
-        if (locks[i].file == file - FIRST + 1)
+        if (locks[i].file == file - FIRST_FD + 1)
             locks[i].file = 0;
 }
 
 void close_all(int actor)
 {
-    for (int file = actor * OPEN; file < (actor + 1) * OPEN; file++) {
-        forget_locks(FIRST + file);
-        opened[file] = 0;
+    for (int file = actor * DESCRIPTORS; file < (actor + 1) * DESCRIPTORS; file++) {
+        forget_locks(FIRST_FD + file);
+        descriptors[file] = 0;
     }
 }
 
-/* Which file, and what of it. */
+/* Return the name of a header field, slot or semaphore, for the printed steps. */
 const char *name_of(const void *at)
 {
     static char texts[4][64];
@@ -107,11 +107,11 @@ const char *name_of(const void *at)
     return text;
 }
 
-/* --- calls -------------------------------------------------------------------------------------------------- */
+/* --- system calls -------------------------------------------------------------------------------------------------- */
 
 static void opening_step(void)
 {
-    if (told("opening", 0))
+    if (setting("opening", 0))
         step();
 }
 
@@ -123,7 +123,7 @@ static int find_inode(const char *name)
     return -1;
 }
 
-static int make_inode(const char *name, int64_t size)
+static int create_inode(const char *name, int64_t size)
 {
     if (inodes_count == FILES)
         fail("more than %d files", FILES);
@@ -135,54 +135,54 @@ static int make_inode(const char *name, int64_t size)
 
 static inode *inode_of(int file)
 {
-    return &inodes[opened[file - FIRST] - 1];
+    return &inodes[descriptors[file - FIRST_FD] - 1];
 }
 
-static int answer(int result, int error)
+static int return_with(int result, int error)
 {
-    saw('o', NULL, (uint64_t)(result * 1000 + error));
+    observe('o', NULL, (uint64_t)(result * 1000 + error));
     errno = error;
     return result;
 }
 
 int shm_open(const char *name, int flags, mode_t mode)
 {
-    int found, file = self * OPEN;
+    int index, file = self * DESCRIPTORS;
     (void)mode;
     opening_step();
-    found = find_inode(name);
-    if (told("opening", 0))
-        say("opens %s%s: %s", name, flags & O_CREAT ? " anew" : "", found < 0 ? "not there" : "there");
-    if (found < 0 && !(flags & O_CREAT))
-        return answer(-1, ENOENT);
-    if (found >= 0 && flags & O_EXCL)
-        return answer(-1, EEXIST);
-    if (found < 0)
-        found = make_inode(name, 0);
-    while (file < (self + 1) * OPEN && opened[file] != 0)
+    index = find_inode(name);
+    if (setting("opening", 0))
+        trace("opens %s%s: %s", name, flags & O_CREAT ? " or creates" : "", index < 0 ? "missing" : "exists");
+    if (index < 0 && !(flags & O_CREAT))
+        return return_with(-1, ENOENT);
+    if (index >= 0 && flags & O_EXCL)
+        return return_with(-1, EEXIST);
+    if (index < 0)
+        index = create_inode(name, 0);
+    while (file < (self + 1) * DESCRIPTORS && descriptors[file] != 0)
         file++;
-    if (file == (self + 1) * OPEN)
-        fail("more than %d descriptors", OPEN);
-    opened[file] = (int8_t)(found + 1);
-    return answer(FIRST + file, 0);
+    if (file == (self + 1) * DESCRIPTORS)
+        fail("more than %d descriptors", DESCRIPTORS);
+    descriptors[file] = (int8_t)(index + 1);
+    return return_with(FIRST_FD + file, 0);
 }
 
 int shm_unlink(const char *name)
 {
-    int found;
+    int index;
     opening_step();
-    found = find_inode(name);
-    if (found >= 0)
-        inodes[found].linked = 0;
-    return answer(found >= 0 ? 0 : -1, ENOENT);
+    index = find_inode(name);
+    if (index >= 0)
+        inodes[index].linked = 0;
+    return return_with(index >= 0 ? 0 : -1, ENOENT);
 }
 
 int close(int file)
 {
-    if (has_locks(file) || told("opening", 0))
+    if (has_locks(file) || setting("opening", 0))
         step();
     forget_locks(file);
-    opened[file - FIRST] = 0;
+    descriptors[file - FIRST_FD] = 0;
     return 0;
 }
 
@@ -194,7 +194,7 @@ int fstat(int file, struct stat *status)
     status->st_size = inode_of(file)->size;
     status->st_nlink = (nlink_t)inode_of(file)->linked;
     status->st_ino = (ino_t)(inode_of(file) - inodes + 1);
-    answer((int)status->st_size, (int)(status->st_nlink * 16 + status->st_ino));
+    return_with((int)status->st_size, (int)(status->st_nlink * 16 + status->st_ino));
     return 0;
 }
 
@@ -227,8 +227,8 @@ ssize_t pread(int file, void *data, size_t size, off_t at)
         size = (size_t)(from->size - at);
     memcpy(data, files[from - inodes] + at, size);
     for (size_t i = 0; i < size; i++)
-        hash = mixed(hash, ((unsigned char *)data)[i]);
-    saw('o', NULL, hash);
+        hash = mix(hash, ((unsigned char *)data)[i]);
+    observe('o', NULL, hash);
     return (ssize_t)size;
 }
 
@@ -236,7 +236,7 @@ ssize_t pwrite(int file, const void *data, size_t size, off_t at)
 {
     opening_step();
     put(files[inode_of(file) - inodes] + at, get(data, (int)size), (int)size);
-    say("writes %llx at %d", (unsigned long long)get(data, (int)size), (int)at);
+    trace("writes %llx at %d", (unsigned long long)get(data, (int)size), (int)at);
     return (ssize_t)size;
 }
 
@@ -255,26 +255,26 @@ int munmap(void *address, size_t size)
 sem_t *sem_open(const char *name, int flags, ...)
 {
     char file[64];
-    int found;
+    int index;
     unsigned value = 0;
     va_list values;
     snprintf(file, sizeof file, "/sem.%s", name + 1);
     opening_step();
-    found = find_inode(file);
-    if (found < 0 && !(flags & O_CREAT))
-        return answer(-1, ENOENT), SEM_FAILED;
-    if (found >= 0 && flags & O_EXCL)
-        return answer(-1, EEXIST), SEM_FAILED;
-    if (found < 0) {
+    index = find_inode(file);
+    if (index < 0 && !(flags & O_CREAT))
+        return return_with(-1, ENOENT), SEM_FAILED;
+    if (index >= 0 && flags & O_EXCL)
+        return return_with(-1, EEXIST), SEM_FAILED;
+    if (index < 0) {
         va_start(values, flags);
         (void)va_arg(values, unsigned);
         value = va_arg(values, unsigned);
         va_end(values);
-        found = make_inode(file, sizeof(sem_t));
-        put(files[found], value, 4);
+        index = create_inode(file, sizeof(sem_t));
+        put(files[index], value, 4);
     }
-    answer(found, 0);
-    return (sem_t *)(void *)files[found];
+    return_with(index, 0);
+    return (sem_t *)(void *)files[index];
 }
 
 int sem_close(sem_t *semaphore)
@@ -283,39 +283,41 @@ int sem_close(sem_t *semaphore)
     return 0;
 }
 
-/* --- record locks, of the open-file kind ------------------------------------------------------------------- */
+/* --- open-file record locks -------------------------------------------------------------------------------- */
 
-static bool excludes(int lock, int file, const struct flock *asked)
+static bool excludes(int lock, int file, const struct flock *requested)
 {
-    return locks[lock].file != 0 && locks[lock].file != file - FIRST + 1 && locks[lock].byte == asked->l_start &&
-           opened[locks[lock].file - 1] == opened[file - FIRST] && (asked->l_type == F_WRLCK || locks[lock].kind == F_WRLCK);
+    return locks[lock].file != 0 && locks[lock].file != file - FIRST_FD + 1 && locks[lock].byte == requested->l_start &&
+           descriptors[locks[lock].file - 1] == descriptors[file - FIRST_FD] &&
+           (requested->l_type == F_WRLCK || locks[lock].kind == F_WRLCK);
 }
 
 int fcntl(int file, int command, ...)
 {
-    struct flock *asked;
+    struct flock *requested;
     va_list values;
     bool free = true;
-    int mine = -1;
+    int slot = -1;
     va_start(values, command);
-    asked = va_arg(values, struct flock *);
+    requested = va_arg(values, struct flock *);
     va_end(values);
     step();
-    let_out(self);
+    flush_stores(self);
     for (int i = LOCKS; i-- > 0;) {
-        free = free && !excludes(i, file, asked);
-        if (locks[i].file == file - FIRST + 1 && locks[i].byte == asked->l_start)
-            mine = i;
-        else if (locks[i].file == 0 && (mine < 0 || locks[mine].file == 0))
-            mine = i;
+        free = free && !excludes(i, file, requested);
+        if (locks[i].file == file - FIRST_FD + 1 && locks[i].byte == requested->l_start)
+            slot = i;
+        else if (locks[i].file == 0 && (slot < 0 || locks[slot].file == 0))
+            slot = i;
     }
-    say("record lock %d %s: %s", (int)asked->l_start, asked->l_type == F_UNLCK ? "off" : "on", free ? "done" : "held by another");
+    trace("record lock %d %s: %s", (int)requested->l_start, requested->l_type == F_UNLCK ? "off" : "on",
+        free ? "done" : "held by another actor");
     if (command == F_OFD_GETLK)
-        asked->l_type = free ? F_UNLCK : F_WRLCK;
-    else if (asked->l_type == F_UNLCK)
-        locks[mine].file = 0;
+        requested->l_type = free ? F_UNLCK : F_WRLCK;
+    else if (requested->l_type == F_UNLCK)
+        locks[slot].file = 0;
     else if (free)
-        locks[mine].file = (int8_t)(file - FIRST + 1), locks[mine].byte = (int8_t)asked->l_start,
-        locks[mine].kind = (int8_t)asked->l_type;
-    return answer(free || command == F_OFD_GETLK ? 0 : -1, free ? 0 : EAGAIN);
+        locks[slot].file = (int8_t)(file - FIRST_FD + 1), locks[slot].byte = (int8_t)requested->l_start,
+        locks[slot].kind = (int8_t)requested->l_type;
+    return return_with(free || command == F_OFD_GETLK ? 0 : -1, free ? 0 : EAGAIN);
 }

@@ -1,10 +1,9 @@
-/* Shared memory: each load, each store and each piece of a copy is a step; on x86-64 stores are buffered.
+/* Shared memory: each load, each store and each piece of a copy is a step. Stores are buffered as on x86-64.
  *
- * The ends are compiled as they are, with -fsanitize=thread, which makes gcc call what is below: __tsan_atomic... in place
- * of each atomic access, and __tsan_read..., __tsan_write... in front of each other one. The sanitizer itself is not
- * linked. Of a plain store the value is not known yet when it is announced: so it is taken back at the next call, and
- * then goes its way. For a plain load the memory shows, until the next call, what this actor sees.
- */
+ * With -fsanitize=thread, gcc compiles the endpoints with calls of the functions below: __tsan_atomic... instead of each
+ * atomic access, and __tsan_read... or __tsan_write... before each plain access. The sanitizer itself is not linked. The
+ * call before a plain store does not contain the value. Therefore, the next call reads the stored value, restores the old
+ * value, and buffers the store. For a plain load, the memory contains this actor's view until the next call. */
 #include "explorer.h"
 
 #include <string.h>
@@ -14,7 +13,7 @@
 
 unsigned char files[FILES][FILE_SIZE] __attribute__((aligned(4096)));
 
-typedef struct piece { /* within one aligned word of eight bytes */
+typedef struct piece { /* a part of one aligned word of eight bytes */
     unsigned char *at;
     uint64_t value;
     int size;
@@ -22,8 +21,8 @@ typedef struct piece { /* within one aligned word of eight bytes */
 
 static piece buffers[ACTORS][BUFFERED];
 static int buffered[ACTORS];
-static piece shown[PIECES]; /* what memory holds instead, at most until the next call */
-static int shown_count;
+static piece overlay[PIECES]; /* actual values that plain_access() replaced; restored at the next call */
+static int overlay_count;
 static bool is_store;
 static uint64_t hash;
 
@@ -41,7 +40,7 @@ uint64_t get(const void *at, int size)
 
 static uint64_t word_hash(const void *at)
 {
-    return mixed((uintptr_t)at, *(const uint64_t *)at);
+    return mix((uintptr_t)at, *(const uint64_t *)at);
 }
 
 void put(const void *at, uint64_t value, int size)
@@ -57,7 +56,7 @@ uint64_t memory_hash(void)
     uint64_t all = hash;
     for (int i = 0; i < ACTORS; i++)
         for (const piece *one = buffers[i]; one < buffers[i] + buffered[i]; one++)
-            all = mixed(mixed(all, (uintptr_t)one->at * 8 + (unsigned)i), one->value);
+            all = mix(mix(all, (uintptr_t)one->at * 8 + (unsigned)i), one->value);
     return all;
 }
 
@@ -65,13 +64,13 @@ void memory_reset(void)
 {
     memset(files, 0, sizeof files);
     memset(buffered, 0, sizeof buffered);
-    shown_count = 0;
+    overlay_count = 0;
     hash = 0;
 }
 
 /* --- store buffers ----------------------------------------------------------------------------------------- */
 
-static void let_out_first(int actor, int count)
+static void flush_first_stores(int actor, int count)
 {
     piece *first = buffers[actor];
     for (int i = 0; i < count; i++)
@@ -80,31 +79,31 @@ static void let_out_first(int actor, int count)
     memmove(first, first + count, (size_t)buffered[actor] * sizeof *first);
 }
 
-void let_out(int actor)
+void flush_stores(int actor)
 {
-    let_out_first(actor, buffered[actor]);
+    flush_first_stores(actor, buffered[actor]);
 }
 
-/* In front of a step: all stores are out by now, or some are held back, which is counted. */
-static void hold(void)
+/* Before a step, empty the store buffer, or hold some stores back if the budget allows. */
+static void hold_stores(void)
 {
-    option stay[BUFFERED + 1];
+    option counts[BUFFERED + 1];
     const int count = buffered[self];
-    int held = 0;
-    if (!quiet && left[HOLDS] > 0 && count > 0) {
+    int buffered = 0;
+    if (!without_steps && left[HOLDS] > 0 && count > 0) {
         for (int i = 0; i <= count; i++)
-            stay[i] = (option){'&', i};
-        held = choose(stay, count + 1).which;
+            counts[i] = (option){'&', i};
+        buffered = choose(counts, count + 1).which;
     }
-    if (held > 0) {
+    if (buffered > 0) {
         left[HOLDS]--;
-        say("(%d stores are not out)", held);
+        trace("(%d stores stay in the buffer)", buffered);
     }
-    let_out_first(self, count - held);
+    flush_first_stores(self, count - buffered);
 }
 
-/* What this actor sees there: memory, and what it has stored itself. */
-static uint64_t seen(const void *at, int size)
+/* Return the value that this actor loads: the memory, changed by the stores in the actor's own buffer. */
+static uint64_t own_view(const void *at, int size)
 {
     const uintptr_t word = (uintptr_t)at & ~(uintptr_t)7;
     uint64_t value = get((const void *)word, 8);
@@ -120,90 +119,90 @@ static uint64_t seen(const void *at, int size)
 static uint64_t load(const void *at, int size)
 {
     uint64_t value;
-    hold();
-    turn(false);
-    value = seen(at, size);
-    saw('r', at, value);
-    say("%s is %llx", name_of(at), (unsigned long long)value);
+    hold_stores();
+    pick_next_actor(false);
+    value = own_view(at, size);
+    observe('r', at, value);
+    trace("%s is %llx", name_of(at), (unsigned long long)value);
     return value;
 }
 
 static void store(void *at, uint64_t value, int size)
 {
-    hold();
-    turn(false);
-    if (allowed[HOLDS] >= 0 && !quiet) {
+    hold_stores();
+    pick_next_actor(false);
+    if (allowed[HOLDS] >= 0 && !without_steps) {
         if (buffered[self] == BUFFERED)
-            let_out_first(self, 1);
+            flush_first_stores(self, 1);
         buffers[self][buffered[self]++] = (piece){at, value, size};
     } else {
         put(at, value, size);
     }
-    saw('w', at, value);
-    say("%s := %llx", name_of(at), (unsigned long long)value);
+    observe('w', at, value);
+    trace("%s := %llx", name_of(at), (unsigned long long)value);
 }
 
-void settle(void)
+void finish_access(void)
 {
-    piece made[PIECES];
-    const int count = shown_count;
+    piece written[PIECES];
+    const int count = overlay_count;
     const bool stores = is_store;
-    shown_count = 0;
+    overlay_count = 0;
     for (int i = 0; i < count; i++) {
-        made[i] = shown[i];
-        made[i].value = get(shown[i].at, shown[i].size);
-        __builtin_memcpy(shown[i].at, &shown[i].value, (size_t)shown[i].size); /* hash is of this */
+        written[i] = overlay[i];
+        written[i].value = get(overlay[i].at, overlay[i].size);
+        __builtin_memcpy(overlay[i].at, &overlay[i].value, (size_t)overlay[i].size); /* `hash` covers this value */
     }
     for (int i = 0; i < count && stores; i++)
-        store(made[i].at, made[i].value, made[i].size);
+        store(written[i].at, written[i].value, written[i].size);
 }
 
 void step(void)
 {
-    settle();
-    hold();
-    turn(false);
+    finish_access();
+    hold_stores();
+    pick_next_actor(false);
 }
 
 static int size_of_piece(const void *at, size_t left_over)
 {
-    const size_t room = 8 - ((uintptr_t)at & 7);
-    return (int)(left_over < room ? left_over : room);
+    const size_t rest = 8 - ((uintptr_t)at & 7);
+    return (int)(left_over < rest ? left_over : rest);
 }
 
-/* A plain access: in pieces, so that others can see a copy half done, and be in the middle of one of their own. */
-static void announced(void *start, size_t size, bool stores)
+/* Divide a plain access into pieces, so that other actors can observe an incomplete copy. */
+static void plain_access(void *start, size_t size, bool stores)
 {
     unsigned char *at = start;
-    piece own[PIECES];
+    piece pieces[PIECES];
     int count = 0;
     if (!is_shared(at))
         return;
-    settle();
+    finish_access();
     for (; size > 0; count++) {
         const int bytes = size_of_piece(at, size);
         if (count == PIECES)
-            fail("a copy of more than %d pieces", PIECES);
-        own[count] = (piece){at, stores ? 0 : load(at, bytes), bytes};
+            fail("a copy has more than %d pieces", PIECES);
+        pieces[count] = (piece){at, stores ? 0 : load(at, bytes), bytes};
         at += bytes;
         size -= (size_t)bytes;
     }
-    for (int i = 0; i < count; i++) { /* only now: others have had their turns in between */
-        const uint64_t shows = stores ? get(own[i].at, own[i].size) : own[i].value;
-        shown[i] = own[i];
-        shown[i].value = get(own[i].at, own[i].size);
-        __builtin_memcpy(own[i].at, &shows, (size_t)own[i].size);
+    for (int i = 0; i < count; i++) { /* after all loads, because other actors run in between */
+        const uint64_t shows = stores ? get(pieces[i].at, pieces[i].size) : pieces[i].value;
+        overlay[i] = pieces[i];
+        overlay[i].value = get(pieces[i].at, pieces[i].size);
+        __builtin_memcpy(pieces[i].at, &shows, (size_t)pieces[i].size);
     }
-    shown_count = count;
+    overlay_count = count;
     is_store = stores;
 }
 
-/* memcpy of the ends (-Dmemcpy=explored_memcpy), piece by piece. */
+/* The endpoints' memcpy (-Dmemcpy=explored_memcpy), divided into pieces. */
 void *explored_memcpy(void *to, const void *from, size_t size)
 {
     if (!is_shared(to) && !is_shared(from))
         return __builtin_memcpy(to, from, size);
-    settle();
+    finish_access();
     for (size_t at = 0; at < size;) {
         unsigned char *target = (unsigned char *)to + at;
         const unsigned char *source = (const unsigned char *)from + at;
@@ -218,25 +217,25 @@ void *explored_memcpy(void *to, const void *from, size_t size)
     return to;
 }
 
-/* --- what the compiler calls ------------------------------------------------------------------------------- */
+/* --- calls that the compiler adds --------------------------------------------------------------------------- */
 
-/* A locked instruction: the stores before it are out. */
-static void locked(void)
+/* Begin a locked instruction, which empties the store buffer. */
+static void begin_locked_instruction(void)
 {
     step();
-    let_out(self);
+    flush_stores(self);
 }
 
 #define ACCESS(bytes) \
-    void __tsan_read##bytes(void *at) { announced(at, bytes, false); } \
-    void __tsan_write##bytes(void *at) { announced(at, bytes, true); }
+    void __tsan_read##bytes(void *at) { plain_access(at, bytes, false); } \
+    void __tsan_write##bytes(void *at) { plain_access(at, bytes, true); }
 #define ATOMIC(bits) \
     uint##bits##_t __tsan_atomic##bits##_load(const volatile uint##bits##_t *at, int order) \
     { \
         (void)order; \
         if (!is_shared(at)) \
             return *at; \
-        settle(); \
+        finish_access(); \
         return (uint##bits##_t)load((const void *)(uintptr_t)at, bits / 8); \
     } \
     void __tsan_atomic##bits##_store(volatile uint##bits##_t *at, uint##bits##_t value, int order) \
@@ -245,21 +244,21 @@ static void locked(void)
             *at = value; \
             return; \
         } \
-        settle(); \
+        finish_access(); \
         store((void *)(uintptr_t)at, value, bits / 8); \
         if (order == __ATOMIC_SEQ_CST) \
-            let_out(self); \
+            flush_stores(self); \
     } \
     uint##bits##_t __tsan_atomic##bits##_exchange(volatile uint##bits##_t *at, uint##bits##_t value, int order) \
     { \
         uint##bits##_t before = *at; \
         (void)order; \
         if (is_shared(at)) { \
-            locked(); \
+            begin_locked_instruction(); \
             before = *at; \
             put((const void *)(uintptr_t)at, value, bits / 8); \
-            saw('x', (const void *)(uintptr_t)at, before); \
-            say("%s := %llx, was %llx", name_of((const void *)(uintptr_t)at), (unsigned long long)value, \
+            observe('x', (const void *)(uintptr_t)at, before); \
+            trace("%s := %llx, was %llx", name_of((const void *)(uintptr_t)at), (unsigned long long)value, \
                 (unsigned long long)before); \
         } else { \
             *at = value; \
@@ -277,11 +276,11 @@ ATOMIC(16)
 ATOMIC(32)
 ATOMIC(64)
 
-/* Those who wait for a semaphore are counted in its upper half. What was there is looked at by nobody. */
+/* Add to the count of waiters in the upper half of a semaphore. No caller uses the returned value. */
 uint64_t __tsan_atomic64_fetch_add(volatile uint64_t *at, uint64_t value, int order)
 {
     (void)order;
-    locked();
+    begin_locked_instruction();
     put((const void *)(uintptr_t)at, *at + value, 8);
     return 0;
 }
@@ -291,15 +290,15 @@ uint64_t __tsan_atomic64_fetch_sub(volatile uint64_t *at, uint64_t value, int or
     return __tsan_atomic64_fetch_add(at, -value, order);
 }
 
-void __tsan_read_range(void *at, size_t size) { announced(at, size, false); }
-void __tsan_write_range(void *at, size_t size) { announced(at, size, true); }
+void __tsan_read_range(void *at, size_t size) { plain_access(at, size, false); }
+void __tsan_write_range(void *at, size_t size) { plain_access(at, size, true); }
 void __tsan_init(void) {}
 void __tsan_func_entry(void *caller) { (void)caller; }
 void __tsan_func_exit(void) {}
 
 void __tsan_atomic_thread_fence(int order)
 {
-    settle();
+    finish_access();
     if (order == __ATOMIC_SEQ_CST)
-        let_out(self);
+        flush_stores(self);
 }

@@ -1,11 +1,11 @@
-/* Goes through all schedules of a scene: each is run from its start, and cut off where it comes to a state seen before.
+/* Run all schedules of a scene. Each schedule starts at the first step, and ends early if it repeats a known state.
+ * Usage: `explore SETTING=NUMBER ... "ENDPOINT SETTING=NUMBER ..." ...`, with one or more endpoints.
  *
- *     explore SETTING=NUMBER ... "END SETTING=NUMBER ..." ...
- *
- * p, c, s: pre-emptions, crashes and stalls that a schedule may have; b: steps past stores that are not out yet, with
- * store buffers then. seconds, ms (a bound on the scene's own time), table=0, bits (of the table), ends=1 (how many
- * different ends there are), replay=SCHEDULE. What else is set is for the ends. Prints one line of JSON, then the schedule.
- */
+ * The settings `p`, `c` and `s` are the largest numbers of pre-emptions, crashes and stalls in a schedule. `b` is
+ * the largest number of steps before which stores are held back in store buffers. The setting `seconds` limits the processor time, and `ms`
+ * the simulated time. Without a table of states, `table` is 0; `bits` is the size of the table. With `end_states=1`, the
+ * program counts different end states. With `replay=SCHEDULE`, it runs only this schedule. Endpoints read all other
+ * settings. The program prints one line of JSON and, if a check fails, also the steps. */
 #include "explorer.h"
 
 #include <stdio.h>
@@ -15,15 +15,15 @@
 
 #define DEEPEST 100000
 
-static struct { uint8_t taken, count; } choices[DEEPEST];
-static int depth, fixed;
-static bool cut, without_table, replays;
+static struct { uint8_t chosen, count; } choices[DEEPEST];
+static int depth, fixed; /* number of choices made; the first `fixed` choices repeat the previous schedule */
+static bool cut, without_table, is_replay;
 static const char *replayed;
 static char schedule[4096];
-static uint64_t mask, *table, *ends_seen;
-static long states, ends;
+static uint64_t mask, *table, *end_states_seen;
+static long states, end_states;
 
-uint64_t mixed(uint64_t hash, uint64_t value)
+uint64_t mix(uint64_t hash, uint64_t value)
 {
     hash ^= value + UINT64_C(0x9E3779B97F4A7C15) + (hash << 6) + (hash >> 2);
     hash *= UINT64_C(0xff51afd7ed558ccd);
@@ -32,7 +32,7 @@ uint64_t mixed(uint64_t hash, uint64_t value)
 
 /* --- the table of states ----------------------------------------------------------------------------------- */
 
-/* Whether it is not in that table; a full one takes nothing more. */
+/* Return true if the table does not contain the hash, and add the hash if the table is not full. */
 static bool is_new(uint64_t *in, uint64_t hash, long *count)
 {
     hash |= 1;
@@ -49,33 +49,33 @@ static bool is_new(uint64_t *in, uint64_t hash, long *count)
     }
 }
 
-/* The state, which choice is to be made, and what may still happen. */
-static bool was_here(const option *options, int count)
+/* Return true if an earlier choice had the same state, the same options and the same remaining budgets. */
+static bool is_known_state(const option *options, int count)
 {
-    uint64_t hash = mixed(state_hash(), (uint64_t)self);
+    uint64_t hash = mix(state_hash(), (uint64_t)self);
     for (int i = 0; i < BUDGETS; i++)
-        hash = mixed(hash, (uint64_t)left[i]);
+        hash = mix(hash, (uint64_t)left[i]);
     for (int i = 0; i < count; i++)
-        hash = mixed(hash, (uint64_t)(options[i].kind * 256 + options[i].which));
+        hash = mix(hash, (uint64_t)(options[i].kind * 256 + options[i].which));
     return !is_new(table, hash, &states);
 }
 
 /* --- choices ----------------------------------------------------------------------------------------------- */
 
-/* A choice other than the first, as text: who was about to take which of its steps, and what came. "A12>B": B went on,
- * "A12!": A crashed, "A12~": A stood still, "A12&2": two of A's stores stayed, "A12*C": C was woken and no other. */
-static void note_choice(option taken)
+/* Add a choice to the schedule, except a first option. Before step 12 of A, "A12>B": B continues; "A12!": A crashes;
+ * "A12~": A stalls; "A12&2": two stores of A stay in its buffer; "A12*C": A wakes only C. */
+static void note_choice(option chosen)
 {
-    const bool actor = taken.kind != '&';
+    const bool actor = chosen.kind != '&';
     char text[40];
-    int length = snprintf(text, sizeof text, "%s%c%ld%c", *schedule ? " " : "", 'A' + self, steps_of(self), taken.kind);
-    if (taken.kind != '!' && taken.kind != '~')
-        snprintf(text + length, sizeof text - (size_t)length, actor ? "%c" : "%d", actor ? 'A' + taken.which : taken.which);
+    int length = snprintf(text, sizeof text, "%s%c%ld%c", *schedule ? " " : "", 'A' + self, steps_of(self), chosen.kind);
+    if (chosen.kind != '!' && chosen.kind != '~')
+        snprintf(text + length, sizeof text - (size_t)length, actor ? "%c" : "%d", actor ? 'A' + chosen.which : chosen.which);
     if (strlen(schedule) + strlen(text) < sizeof schedule)
         strcat(schedule, text);
 }
 
-/* Which option the schedule to be replayed names here; the first where it names none. */
+/* Return the option that the replayed schedule contains for this step, or 0, the first option. */
 static int replay(const option *options, int count)
 {
     char actor, kind, which[8] = "";
@@ -94,39 +94,39 @@ static int replay(const option *options, int count)
 
 option choose(const option *options, int count)
 {
-    int taken = 0;
+    int chosen = 0;
     if (count < 2)
         return options[0];
-    if (replays) {
-        taken = replay(options, count);
+    if (is_replay) {
+        chosen = replay(options, count);
     } else if (depth < fixed) {
-        taken = choices[depth++].taken;
+        chosen = choices[depth++].chosen;
     } else {
-        if (!without_table && !printing && was_here(options, count)) {
+        if (!without_table && !printing && is_known_state(options, count)) {
             cut = true;
-            leave();
+            end_schedule();
         }
         if (depth >= DEEPEST) {
-            fprintf(stderr, "a schedule of more than %d choices\n", DEEPEST);
+            fprintf(stderr, "a schedule has more than %d choices\n", DEEPEST);
             exit(2);
         }
         choices[depth].count = (uint8_t)count;
-        choices[depth].taken = 0;
+        choices[depth].chosen = 0;
         fixed = ++depth;
     }
-    if (taken != 0)
-        note_choice(options[taken]);
-    return options[taken];
+    if (chosen != 0)
+        note_choice(options[chosen]);
+    return options[chosen];
 }
 
-/* The next schedule: the last choice that has another option takes it. False: that was all. */
+/* Start the next schedule: at the last choice with an untried option, select this option. Return false after the last. */
 static bool next_schedule(void)
 {
-    for (fixed = depth; fixed > 0 && choices[fixed - 1].taken + 1 >= choices[fixed - 1].count;)
+    for (fixed = depth; fixed > 0 && choices[fixed - 1].chosen + 1 >= choices[fixed - 1].count;)
         fixed--;
     if (fixed == 0)
         return false;
-    choices[fixed - 1].taken++;
+    choices[fixed - 1].chosen++;
     return true;
 }
 
@@ -141,11 +141,11 @@ static long run_once(void)
     steps = run_actors();
     if (cut || *failure != 0)
         return steps;
-    if (ends_seen != NULL)
-        is_new(ends_seen, state_hash(), &ends);
-    quiet = true;
-    look_after();
-    quiet = false;
+    if (end_states_seen != NULL)
+        is_new(end_states_seen, state_hash(), &end_states);
+    without_steps = true;
+    check_end_state();
+    without_steps = false;
     return steps;
 }
 
@@ -154,8 +154,8 @@ static double seconds_used(void)
     return (double)clock() / CLOCKS_PER_SEC;
 }
 
-/* Takes the settings of the command line over. */
-static double settle_scene(int count, char **texts)
+/* Read the settings and add the actors of the command line. Return the limit of processor time. */
+static double read_settings(int count, char **texts)
 {
     static const char *const budgets[BUDGETS] = {"p=", "c=", "s=", "b="};
     double seconds = 60;
@@ -174,16 +174,16 @@ static double settle_scene(int count, char **texts)
             bits = atoi(value + 1);
         else if (strncmp(text, "table=", 6) == 0)
             without_table = atoi(value + 1) == 0;
-        else if (strncmp(text, "ends=", 5) == 0)
-            ends_seen = (uint64_t *)value;
+        else if (strncmp(text, "end_states=", 11) == 0)
+            end_states_seen = (uint64_t *)value;
         else if (strncmp(text, "replay=", 7) == 0)
-            replays = true, replayed = value + 1;
+            is_replay = true, replayed = value + 1;
         else
             strcat(strcat(scene_settings, " "), text);
     }
     mask = (UINT64_C(1) << bits) - 1;
     table = calloc(mask + 1, sizeof *table);
-    ends_seen = ends_seen ? calloc(mask + 1, sizeof *table) : NULL;
+    end_states_seen = end_states_seen ? calloc(mask + 1, sizeof *table) : NULL;
     for (int i = 1; i < count; i++)
         if (strchr(texts[i], '=') == NULL || memchr(texts[i], ' ', strcspn(texts[i], "=")) != NULL)
             add_actor(texts[i]);
@@ -192,25 +192,25 @@ static double settle_scene(int count, char **texts)
 
 int main(int count, char **texts)
 {
-    const double seconds = settle_scene(count, texts);
+    const double seconds = read_settings(count, texts);
     bool complete = false;
     long runs = 0, cuts = 0, steps = 0;
-    printing = replays;
+    printing = is_replay;
     for (bool more = true; more && *failure == 0; runs++) {
         steps += run_once();
         cuts += cut;
-        complete = replays || (*failure == 0 && !next_schedule());
+        complete = is_replay || (*failure == 0 && !next_schedule());
         more = !complete && ((runs & 255) != 0 || seconds_used() < seconds);
     }
     printf("{\"found\": \"%s\", \"schedule\": \"%s\", \"complete\": %s, \"schedules\": %ld, \"cut\": %ld, \"states\": %ld, "
-           "\"steps\": %ld, \"seconds\": %.2f, \"ends\": %ld, \"full\": %s}\n",
-        failure, *failure ? schedule : "", complete ? "true" : "false", runs, cuts, states, steps, seconds_used(), ends,
+           "\"steps\": %ld, \"seconds\": %.2f, \"end_states\": %ld, \"full\": %s}\n",
+        failure, *failure ? schedule : "", complete ? "true" : "false", runs, cuts, states, steps, seconds_used(), end_states,
         (uint64_t)states >= mask / 8 * 7 ? "true" : "false");
-    if (*failure != 0 && !replays) { /* once more, told step by step */
+    if (*failure != 0 && !is_replay) { /* run the schedule again and print each step */
         printing = true;
         fixed = depth;
         run_once();
     }
-    quiet = true; /* the blocks close what they hold when the program ends */
+    without_steps = true; /* the blocks close their regions when the program ends */
     return 0;
 }

@@ -1,6 +1,6 @@
-/* What the ends ask of Linux and of the C library but for files: semaphores, futexes, clocks, processes.
+/* Simulated calls of Linux and the C library, except files: semaphores, futexes, clocks and processes.
  *
- * The linker takes these before the C library's. Each is a step, but for looks at the clock.
+ * The linker prefers these functions to those of the C library. Each call is a step, except reading a clock.
  */
 #define _GNU_SOURCE
 #include "explorer.h"
@@ -25,38 +25,38 @@ static bool take_token(sem_t *semaphore)
 
 int sem_trywait(sem_t *semaphore)
 {
-    bool got;
+    bool acquired;
     step();
     if ((uint32_t)get(semaphore, 4) != 0)
-        let_out(self); /* a locked instruction; a load alone where there is none */
-    got = take_token(semaphore);
-    saw('s', semaphore, got);
-    say(got ? "takes %s" : "%s is not free", name_of(semaphore));
+        flush_stores(self); /* a locked instruction; without a token, only a load */
+    acquired = take_token(semaphore);
+    observe('s', semaphore, acquired);
+    trace(acquired ? "acquires %s" : "%s is not free", name_of(semaphore));
     errno = EAGAIN;
-    return got ? 0 : -1;
+    return acquired ? 0 : -1;
 }
 
 int sem_clockwait(sem_t *semaphore, clockid_t clock_id, const struct timespec *until)
 {
     const sleep_word word = {semaphore, 0, false};
-    bool got;
+    bool acquired;
     (void)clock_id;
-    settle();
-    say("waits for %s", name_of(semaphore));
+    finish_access();
+    trace("waits for %s", name_of(semaphore));
     sleep_until(until->tv_sec * INT64_C(1000000000) + until->tv_nsec, &word, 1);
-    got = take_token(semaphore);
-    say(got ? "has %s" : "%s did not come in time", name_of(semaphore));
+    acquired = take_token(semaphore);
+    trace(acquired ? "acquires %s" : "%s was not free in time", name_of(semaphore));
     errno = ETIMEDOUT;
-    return got ? 0 : -1;
+    return acquired ? 0 : -1;
 }
 
 int sem_post(sem_t *semaphore)
 {
     step();
-    let_out(self);
+    flush_stores(self);
     put(semaphore, get(semaphore, 4) + 1, 4);
-    say("posts %s", name_of(semaphore));
-    if (get(semaphore, 8) >> 32 != 0) /* for futex_waitv; who sleeps in sem_clockwait sees the value */
+    trace("posts %s", name_of(semaphore));
+    if (get(semaphore, 8) >> 32 != 0) /* for futex_waitv; sem_clockwait checks the value */
         wake(semaphore, 1);
     return 0;
 }
@@ -65,29 +65,29 @@ int sem_getvalue(sem_t *semaphore, int *value)
 {
     step();
     *value = (int)get(semaphore, 4);
-    saw('v', semaphore, (uint64_t)*value);
+    observe('v', semaphore, (uint64_t)*value);
     return 0;
 }
 
-/* struct futex_waitv, which older headers lack. */
+/* Like struct futex_waitv, which older headers lack. */
 typedef struct waited { uint64_t value, at; uint32_t flags, reserved; } waited;
 
-static long futex_waitv(const waited *asked, unsigned count, const struct timespec *until)
+static long futex_waitv(const waited *waits, unsigned count, const struct timespec *until)
 {
     sleep_word words[4];
     int which;
     for (unsigned i = 0; i < count; i++) {
-        words[i] = (sleep_word){(const void *)(uintptr_t)asked[i].at, (uint32_t)asked[i].value, true};
+        words[i] = (sleep_word){(const void *)(uintptr_t)waits[i].at, (uint32_t)waits[i].value, true};
         if ((uint32_t)get(words[i].at, 4) != words[i].value) {
-            saw('f', words[i].at, 1);
-            say("futex: %s is another already", name_of(words[i].at));
+            observe('f', words[i].at, 1);
+            trace("futex: %s has already changed", name_of(words[i].at));
             errno = EAGAIN;
             return -1;
         }
     }
-    say("sleeps on %s", name_of(words[0].at));
+    trace("sleeps on %s", name_of(words[0].at));
     which = sleep_until(until ? until->tv_sec * INT64_C(1000000000) + until->tv_nsec : NEVER, words, (int)count);
-    say(which < 0 ? "has slept enough" : "is woken");
+    trace(which < 0 ? "wakes at the timeout" : "is woken");
     errno = ETIMEDOUT;
     return which;
 }
@@ -102,7 +102,7 @@ long syscall(long number, ...)
     if (number == SYS_gettid)
         return PID_OF(self);
     step();
-    let_out(self);
+    flush_stores(self);
     if (number == 449) /* futex_waitv(words, count, flags, until, clock) */
         return futex_waitv((const waited *)first, (unsigned)second, (const struct timespec *)fourth);
     if (number == SYS_futex && (second & FUTEX_CMD_MASK) == FUTEX_WAKE)
@@ -123,22 +123,22 @@ int clock_gettime(clockid_t clock_id, struct timespec *time)
     (void)clock_id;
     time->tv_sec = now / INT64_C(1000000000);
     time->tv_nsec = now % INT64_C(1000000000);
-    saw('t', NULL, (uint64_t)now);
+    observe('t', NULL, (uint64_t)now);
     return 0;
 }
 
 int nanosleep(const struct timespec *time, struct timespec *rest)
 {
     (void)rest;
-    settle();
+    finish_access();
     sleep_until(now + time->tv_sec * INT64_C(1000000000) + time->tv_nsec, NULL, 0);
     return 0;
 }
 
 int sched_yield(void)
 {
-    settle();
-    turn(true);
+    finish_access();
+    pick_next_actor(true);
     return 0;
 }
 
@@ -149,9 +149,9 @@ int getpid(void)
 
 int kill(int pid, int signal)
 {
-    const bool gone = !is_alive(pid - PID_OF(0));
+    const bool is_gone = !is_alive(pid - PID_OF(0));
     (void)signal;
-    saw('p', NULL, gone);
+    observe('p', NULL, is_gone);
     errno = ESRCH;
-    return gone ? -1 : 0;
+    return is_gone ? -1 : 0;
 }

@@ -82,7 +82,7 @@ def test_bridge_reads_each_definition_once(folder: Path, calls: Counter[str], mo
         name="",
         publish_log=lambda text: None,
         publisher=lambda wire, *_: RosPublisher(lambda: message, lambda message: None),
-        subscribe=lambda wire, callback, *_: RosSubscription(lambda: message),
+        subscribe=lambda wire, take, errors: RosSubscription(lambda: message),
         serve=lambda wire, answer, *_: None,
         client=lambda wire, *_: RosClient(lambda: None, lambda request, timeout: None),
         now=Time,

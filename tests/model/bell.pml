@@ -1,8 +1,8 @@
-/* Waking readers: a writer W, readers R and S of one region that wait; `armed` and the bell, in an ARM-like order (WEAK).
+/* The wake-up of waiting readers by the header fields `armed` and `bell`: a writer W and two readers R and S. With WEAK,
+ * stores may overtake other stores, as on ARM.
  *
- * A wake-up is lost if a reader sleeps while an unread sample is there and the writer is done. It then costs one slice of
- * 10 ms, which does not end here. x86's order is explored with the shipped ends, by tests/explorer.
- */
+ * A wake-up is lost if a reader still sleeps after the writer has finished, although there is an unread sample. Such a sleep
+ * ends after 10 ms in practice, but never in this model. tests/explorer covers the order of x86 with the shipped code. */
 #define COMPLETED 0
 #define ARMED 1
 #define BELL 2
@@ -27,7 +27,7 @@ proctype Writer()
     :: number < SAMPLES ->
        number++;
        ST(W, COMPLETED, number);
-#ifndef F_NO_FENCE_WRITER   /* a PLC on ARM, 64 bits: it releases the lock, which is no full barrier */
+#ifndef F_NO_FENCE_WRITER   /* a PLC on 64-bit ARM has only the lock's release, which is not a full barrier */
        DRAINED(W);
 #endif
        if
@@ -37,11 +37,11 @@ proctype Writer()
 #else
           ST(W, ARMED, 0);
 #ifndef F_UNORDERED
-          DRAINED(W);   /* the bell is stored by a release */
+          DRAINED(W);   /* a release store writes `bell` */
 #endif
           ST(W, BELL, number);
 #endif
-          atomic { DRAINED(W) -> asleep[R] = 0; asleep[S] = 0 }   /* the system call is a full barrier */
+          atomic { DRAINED(W) -> asleep[R] = 0; asleep[S] = 0 }   /* the system call that wakes readers is a full barrier */
        :: !LD(W, ARMED)
        fi
     :: number == SAMPLES && DRAINED(W) -> finished = 1; break

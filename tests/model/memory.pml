@@ -1,11 +1,11 @@
-/* Shared words, and in which order what is stored reaches them. Whoever includes this has defined WORDS, how many there
- * are, and ENDS, how many processes.
+/* Shared memory, and the order in which stores reach it. The including file defines WORDS, the number of words, and ENDS,
+ * the number of processes.
  *
- * LD and ST are one load and one store of an end. At once (sequential consistency) unless told otherwise:
- * TSO   each end has a buffer, first in, first out, and sees its own stores in it, as on x86-64;
- * WEAK  what leaves a buffer keeps its order for each word only: ARM, from the side of who stores. What loads may do out
- *       of order is said where it matters.
- * A full barrier, a locked instruction, and time let a buffer run dry: DRAINED.
+ * LD is a load and ST a store of one process. By default, each store reaches the memory at once (sequential consistency).
+ * TSO   Each process has a store buffer, first in, first out, and loads its own buffered stores, as on x86-64.
+ * WEAK  Like TSO, but only stores to the same word keep their order, as on ARM. A model that needs reordered loads
+ *       reorders them itself.
+ * DRAINED waits for an empty buffer, as a full barrier and a locked instruction do.
  */
 byte mem[WORDS];
 

@@ -1,11 +1,11 @@
-/* A sample written and read in an ARM-like order (WEAK): the slots of one lane, with the barriers that C, Python without
- * the extension, and ST without a lock have. Who writes in which lane is explored by tests/explorer.
+/* Writing and reading samples in one lane without the lock, with the barriers of C, of Python without the extension, and of
+ * Structured Text. With WEAK, memory accesses may be reordered, as on ARM. tests/explorer covers the choice of the lane.
  *
- * Stores pass each other in W's buffer. R's loads are made here in another order: the copy before the first look at the
- * number, or behind the second.
+ * The writer's stores overtake each other in its buffer. The reader's loads are reordered explicitly: the copy comes before
+ * the first load of the slot's number (COPY_FIRST) or after the second load (F_COPY_LAST).
  */
 #define COMPLETED 0
-#define SLOT0 1   /* number, two halves of the payload; slot 1 after it */
+#define SLOT0 1   /* the slot's number and two halves of its payload; slot 1 follows */
 #define WORDS 7
 #define NUMBER(n) (SLOT0 + 3 * ((n) % 2))
 #define ENDS 1
@@ -36,7 +36,7 @@ proctype Writer()
        DRAINED(W);
 #endif
        ST(W, NUMBER(n), n);
-       ST(W, COMPLETED, n)   /* that this may pass the number costs a reader one look more */
+       ST(W, COMPLETED, n)   /* may overtake the number; the reader then only retries */
     :: else -> break
     od
 }
@@ -52,7 +52,7 @@ proctype Reader()
        :: newest == 0
        :: newest != 0 ->
           if
-#ifdef COPY_FIRST   /* needs no barrier: what is complete was whole before */
+#ifdef COPY_FIRST   /* needs no barrier: the sample was complete before the copy */
           :: COPY; first = mem[NUMBER(newest)]; second = mem[NUMBER(newest)]
 #endif
 #ifdef F_COPY_LAST

@@ -1,11 +1,11 @@
-/* What matiec's own headers say of types, in the form of Beremiz or of OpenPLC v3: SHMGEN_TEST_LENGTH and SHMGEN_TEST_SECONDS are given. */
+/* A stand-in for the type headers of matiec. SHMGEN_TEST_LENGTH and SHMGEN_TEST_SECONDS select Beremiz or OpenPLC v3. */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #ifdef _IEC_STD_LIB_H
-typedef union { /* OpenPLC v3 calls one so before it includes c_blocks.h */
+typedef union { /* OpenPLC v3 declares a type of this name before it includes c_blocks.h */
     long tv_sec;
 } tm;
 #include "c_blocks.h"
@@ -33,8 +33,8 @@ typedef struct {
 
 static inline TIME seconds(int number)
 {
-    TIME made = {number, 0};
-    return made;
+    TIME time = {number, 0};
+    return time;
 }
 
 #define number(value) ((double)(value))

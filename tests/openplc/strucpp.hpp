@@ -1,4 +1,4 @@
-// What STruC++'s own headers say of the types that generated libraries use: values in wrappers that can be forced.
+// A stand-in for the type headers of STruC++. Each variable is a wrapper with a value and a flag that forces the value.
 #pragma once
 
 #include <array>
@@ -69,9 +69,9 @@ template <class T, int64_t Lower, int64_t Upper> class Array1D {
     Array1D() noexcept : data_{} {}
     template <class U> Array1D(std::initializer_list<U> values) noexcept : data_{}
     {
-        std::size_t at = 0;
+        std::size_t index = 0;
         for (const auto &value : values)
-            data_[at++] = value;
+            data_[index++] = value;
     }
     T &operator[](int64_t index) noexcept { return data_[static_cast<std::size_t>(index - Lower)]; }
     const T &operator[](int64_t index) const noexcept { return data_[static_cast<std::size_t>(index - Lower)]; }

@@ -1,38 +1,38 @@
-/* The name of a region: each length around the longest, with each ending that there may be, and none. */
-#include "anything.h"
+/* The name of a region: all lengths near the limit, with each suffix of services and actions, and without a suffix. */
+#include "environment.h"
 
-static shmgen_link end;
+static shmgen_link region_link;
 
-static void named(size_t letters, const char *ending)
+static void check_region_name(size_t length, const char *suffix)
 {
     char topic[300];
-    memset(topic, 'a', letters);
-    memcpy(topic + letters, ending, strlen(ending) + 1);
-    if (shmgen_name_region(&end, topic) == SHMGEN_OK) {
-        size_t length = strlen(end.name);
-        /*@ assert 2 <= length <= 249; */
+    memset(topic, 'a', length);
+    memcpy(topic + length, suffix, strlen(suffix) + 1);
+    if (shmgen_name_region(&region_link, topic) == SHMGEN_OK) {
+        size_t name_length = strlen(region_link.name);
+        /*@ assert 2 <= name_length <= 249; */
     }
 }
 
-static void join_suffix(size_t letters)
+static void check_joined_name(size_t length)
 {
-    char name[320], joined[SHMGEN_JOINED_SIZE];
-    memset(name, 'a', letters);
-    name[letters] = 0;
-    shmgen_join_name(joined, name, "-feedback");
-    /*@ assert joined[SHMGEN_JOINED_SIZE - 1] == 0; */
+    char name[320], joined_name[SHMGEN_JOINED_SIZE];
+    memset(name, 'a', length);
+    name[length] = 0;
+    shmgen_join_name(joined_name, name, "-feedback");
+    /*@ assert joined_name[SHMGEN_JOINED_SIZE - 1] == 0; */
 }
 
 int main(void)
 {
-    for (size_t letters = 286; letters < 300; letters++)
-        join_suffix(letters);
-    named(0, "");
-    for (size_t letters = 234; letters < 248; letters++) {
-        named(letters, "");
-        named(letters, "-goal");
-        named(letters, "-request");
-        named(letters, "-feedback");
-        named(letters, "/");
+    for (size_t length = 286; length < 300; length++)
+        check_joined_name(length);
+    check_region_name(0, "");
+    for (size_t length = 234; length < 248; length++) {
+        check_region_name(length, "");
+        check_region_name(length, "-goal");
+        check_region_name(length, "-request");
+        check_region_name(length, "-feedback");
+        check_region_name(length, "/");
     }
 }

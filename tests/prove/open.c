@@ -1,60 +1,60 @@
-/* Opening: each step from each state, whatever lies in the files, whatever becomes of them meanwhile, and whoever they belong to. */
-#include "anything.h"
+/* Opening: each step from each state, with any content, any owner and any concurrent change of the files. */
+#include "environment.h"
 
-static shmgen_publisher writer;
-static shmgen_subscriber reader;
+static shmgen_publisher publisher;
+static shmgen_subscriber subscriber;
 static char group[300];
 
-/* The longest name that opening gives. */
-static void placed(shmgen_link *end, shmgen_step step)
+/* Set the state before a step of opening. The region has the longest possible name. */
+static void set_opening_state(shmgen_link *link, shmgen_step step)
 {
-    opened(end, shmgen_type_of_shm_diagnostic_msgs_DiagnosticArray(), NULL);
-    memset(end->name, 'a', SHMGEN_LONGEST + 1);
-    end->name[0] = '/';
-    end->name[SHMGEN_LONGEST + 1] = 0;
-    end->event = NULL;
-    end->file = (int)between(0, INT32_MAX);
-    end->since = between(0, SHMGEN_END * 1000 * SHMGEN_MS);
-    end->mode = any;
-    end->group = some() ? -1 : any;
-    end->attempts = (uint32_t)between(0, SHMGEN_ATTEMPTS);
-    end->step = step;
+    set_open_state(link, shmgen_type_of_shm_diagnostic_msgs_DiagnosticArray(), NULL);
+    memset(link->name, 'a', SHMGEN_LONGEST + 1);
+    link->name[0] = '/';
+    link->name[SHMGEN_LONGEST + 1] = 0;
+    link->event = NULL;
+    link->file = (int)any_between(0, INT32_MAX);
+    link->since = any_between(0, CLOCK_LIMIT_S * 1000 * SHMGEN_MS);
+    link->mode = any;
+    link->group = any_bool() ? -1 : any;
+    link->attempts = (uint32_t)any_between(0, SHMGEN_ATTEMPTS);
+    link->step = step;
     if (step < SHMGEN_STEP_HEADER)
-        end->base = end->mine = NULL;
+        link->base = link->mine = NULL;
 }
 
-static void stepped(shmgen_step step)
+static void step_publisher(shmgen_step step)
 {
-    memset(&writer, 0, sizeof writer);
-    placed(&writer.end, step);
-    writer.closed_status = SHMGEN_OPENING;
-    writer.new_turn = some() ? 0 : 1;
-    writer.turn = any;
-    writer.beat = any;
-    shmgen_publisher_step(&writer);
-    shmgen_publisher_close(&writer);
+    memset(&publisher, 0, sizeof publisher);
+    set_opening_state(&publisher.end, step);
+    publisher.closed_status = SHMGEN_OPENING;
+    publisher.new_turn = any_bool() ? 0 : 1;
+    publisher.turn = any;
+    publisher.beat = any;
+    shmgen_publisher_step(&publisher);
+    shmgen_publisher_close(&publisher);
 }
 
-static void watched(shmgen_step step)
+static void step_subscriber(shmgen_step step)
 {
-    memset(&reader, 0, sizeof reader);
-    placed(&reader.end, step);
-    reader.closed_status = SHMGEN_OPENING;
-    reader.end.watches = reader.end.passive = 1;
-    shmgen_subscriber_step(&reader);
-    shmgen_subscriber_close(&reader);
+    memset(&subscriber, 0, sizeof subscriber);
+    set_opening_state(&subscriber.end, step);
+    subscriber.closed_status = SHMGEN_OPENING;
+    subscriber.end.watches = subscriber.end.passive = 1;
+    shmgen_subscriber_step(&subscriber);
+    shmgen_subscriber_close(&subscriber);
 }
 
 int main(void)
 {
-    given(group, sizeof group);
+    make_unknown(group, sizeof group);
     group[sizeof group - 1] = 0;
     shmgen_group(group);
     for (int step = SHMGEN_STEP_FILE; step < SHMGEN_STEP_READY; step++)
-        stepped((shmgen_step)step);
+        step_publisher((shmgen_step)step);
     for (int step = SHMGEN_STEP_FILE; step < SHMGEN_STEP_CLAIM; step++)
-        watched((shmgen_step)step);
-    placed(&reader.end, SHMGEN_STEP_READY);
-    shmgen_open_event(&reader.end);
-    shmgen_subscriber_close(&reader);
+        step_subscriber((shmgen_step)step);
+    set_opening_state(&subscriber.end, SHMGEN_STEP_READY);
+    shmgen_open_event(&subscriber.end);
+    shmgen_subscriber_close(&subscriber);
 }

@@ -1,29 +1,29 @@
-/* A reader, by whatever calls in whatever order. */
-#include "anything.h"
+/* A reader, with all calls in any order. */
+#include "environment.h"
 
-static shmgen_subscriber self;
-static shm_diagnostic_msgs_DiagnosticArray into;
+static shmgen_subscriber subscriber;
+static shm_diagnostic_msgs_DiagnosticArray message;
 
-static void with(sem_t *lock)
+static void read_with_lock(sem_t *lock)
 {
     const shmgen_receive receive = shmgen_receive_shm_diagnostic_msgs_DiagnosticArray;
-    opened(&self.end, shmgen_type_of_shm_diagnostic_msgs_DiagnosticArray(), lock);
-    self.last = any;
-    while (some()) {
-        if (some())
-            shmgen_subscriber_read(&self, &into, sizeof into, limit(), receive);
-        if (some())
-            shmgen_subscriber_read_next(&self, &into, sizeof into, limit(), receive);
-        if (some())
-            shmgen_subscriber_is_stale(&self, limit());
-        if (some())
-            shmgen_subscriber_age(&self);
+    set_open_state(&subscriber.end, shmgen_type_of_shm_diagnostic_msgs_DiagnosticArray(), lock);
+    subscriber.last = any;
+    while (any_bool()) {
+        if (any_bool())
+            shmgen_subscriber_read(&subscriber, &message, sizeof message, any_timeout(), receive);
+        if (any_bool())
+            shmgen_subscriber_read_next(&subscriber, &message, sizeof message, any_timeout(), receive);
+        if (any_bool())
+            shmgen_subscriber_is_stale(&subscriber, any_timeout());
+        if (any_bool())
+            shmgen_subscriber_age(&subscriber);
     }
-    shmgen_subscriber_close(&self);
+    shmgen_subscriber_close(&subscriber);
 }
 
 int main(void)
 {
-    with(NULL);
-    with(&semaphores[0]);
+    read_with_lock(NULL);
+    read_with_lock(&semaphores[0]);
 }

@@ -1,47 +1,47 @@
-/* A writer: each call, from each state that calls leave, of whatever message. */
-#include "anything.h"
+/* A writer: each call with any message, from each state that earlier calls can leave. */
+#include "environment.h"
 
-static shmgen_publisher self;
+static shmgen_publisher publisher;
 static shm_diagnostic_msgs_DiagnosticArray message;
 
-static void one_call(void)
+static void call_any_function(void)
 {
     void *payload = NULL;
-    given(&message, sizeof message);
-    shmgen_path_clear(&self.path);
-    self.sequence = any;
-    self.number = any;
-    self.turn = any;
-    self.beat = any;
-    if (some()) {
-        if (shmgen_check_shm_diagnostic_msgs_DiagnosticArray(&message, &self.path) == SHMGEN_OK)
-            shmgen_publisher_write(&self, &message, sizeof message, limit());
-    } else if (some()) {
-        if (shmgen_publisher_begin(&self, limit(), &payload) == SHMGEN_OK)
+    make_unknown(&message, sizeof message);
+    shmgen_path_clear(&publisher.path);
+    publisher.sequence = any;
+    publisher.number = any;
+    publisher.turn = any;
+    publisher.beat = any;
+    if (any_bool()) {
+        if (shmgen_check_shm_diagnostic_msgs_DiagnosticArray(&message, &publisher.path) == SHMGEN_OK)
+            shmgen_publisher_write(&publisher, &message, sizeof message, any_timeout());
+    } else if (any_bool()) {
+        if (shmgen_publisher_begin(&publisher, any_timeout(), &payload) == SHMGEN_OK)
             memcpy(payload, &message, sizeof message);
-    } else if (some()) {
-        shmgen_publisher_complete(&self);
-    } else if (some()) {
-        shmgen_publisher_cancel(&self);
-    } else if (some()) {
-        shmgen_publisher_heartbeat(&self);
+    } else if (any_bool()) {
+        shmgen_publisher_complete(&publisher);
+    } else if (any_bool()) {
+        shmgen_publisher_cancel(&publisher);
+    } else if (any_bool()) {
+        shmgen_publisher_heartbeat(&publisher);
     } else {
-        shmgen_publisher_close(&self);
+        shmgen_publisher_close(&publisher);
     }
 }
 
-static void from(sem_t *lock, uint32_t inside)
+static void call_with_lock(sem_t *lock, uint32_t has_lock)
 {
-    opened(&self.end, shmgen_type_of_shm_diagnostic_msgs_DiagnosticArray(), lock);
-    self.inside = inside;
-    one_call();
+    set_open_state(&publisher.end, shmgen_type_of_shm_diagnostic_msgs_DiagnosticArray(), lock);
+    publisher.inside = has_lock;
+    call_any_function();
 }
 
 int main(void)
 {
-    from(NULL, 0);
-    from(&semaphores[0], 0);
-    from(&semaphores[0], 1);
-    memset(&self, 0, sizeof self);
-    one_call();
+    call_with_lock(NULL, 0);
+    call_with_lock(&semaphores[0], 0);
+    call_with_lock(&semaphores[0], 1);
+    memset(&publisher, 0, sizeof publisher);
+    call_any_function();
 }

@@ -115,9 +115,9 @@ class Stage:
         # Comparing is faster than a checksum, so that more time remains for the protocol itself.
         expected = CHECKSUMS[self.kind][number % 61] ^ number
         if message.checksum != expected or data != PATTERNS[self.kind][number % 61]:
-            self.complain(f"{role}: torn: sample {sequence} says {number}, checksum {zlib.crc32(data):08X}")
+            self.complain(f"{role}: torn: sample {sequence} contains {number}, checksum {zlib.crc32(data):08X}")
         elif number != sequence:
-            self.complain(f"{role}: sample {sequence} says {number}")
+            self.complain(f"{role}: sample {sequence} contains {number}")
 
 
 @dataclass
@@ -189,7 +189,7 @@ def follow(stage: Stage, place: int, subscriber: Any, way: str) -> bool:
             stage.moves[place] += 1
         lost = subscriber.missed - missed
         if count and (last != subscriber.sequence or start + count + lost != last):
-            stage.complain(f"{way}: from {start} to {last} are not {count} read and {lost} missed")
+            stage.complain(f"{way}: from {start} to {last}, {count} read and {lost} missed do not add up")
             return False
 
 

@@ -13,9 +13,10 @@ from collections.abc import Callable
 from typing import Any
 
 from shmgen.core import abi
-from shmgen.runtime.reference import bell, writer
+from shmgen.runtime.reference import writer
 from shmgen.runtime.reference.lock import Lock
 from shmgen.runtime.reference.region import Region, Semaphore
+from shmgen.runtime.reference.writer import ring
 from shmgen.runtime.region import header as h
 
 from .chaos_mishaps import Interrupted
@@ -136,10 +137,10 @@ class Wrapped:
 
 
 def _ring(map: Any) -> None:
-    """Call `bell.ring` with the map inside all wrappers, because the bell needs the map itself."""
+    """Call `ring()` with the map inside all wrappers, because the bell needs the map itself."""
     while isinstance(map, Wrapped):
         map = map.inner
-    bell.ring(map)
+    ring(map)
 
 
 writer.ring = _ring  # type: ignore[attr-defined]

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from ..ros2.test_control import SAFE, Cell, outcome, until
+from ..ros2.test_control import SAFE, Cell, read_result, read_until
 from .load_bridge import busy, resident
 
 STALE = 0.1
@@ -37,37 +37,37 @@ def main() -> None:
                 middle, worst = took[len(took) // 2], took[-1]
                 print(f"{side} killed {len(took)} times: known after {middle:.0f} ms, at worst {worst:.0f}", flush=True)
         finally:
-            cell.end()
+            cell.clean_up()
     sys.exit(0 if good else 1)
 
 
 def run_steadily(cell: Cell, seconds: int) -> bool:
     cell.plc()
     controller = cell.controller(1000 * seconds)
-    until(controller, "running")
+    read_until(controller, "running")
     begun, before = time.monotonic(), busy(controller.pid)
     time.sleep(seconds - 1)
     cpu, memory = (busy(controller.pid) - before) / (time.monotonic() - begun), resident(controller.pid)
-    stats = outcome(controller)
-    p50, p99, worst = stats["us"]
+    stats = read_result(controller)
+    p50, p99, worst = stats["cycle_us"]
     print(
-        f"{stats['ok']:,} cycles at 1 kHz, {stats['answered']:,} with an answer, {stats['late']:,} of more than 20 ms, "
-        f"{stats['wrong']} wrong; read + write p50 {p50} p99 {p99} worst {worst} us, {100 * cpu:.0f} % of a core, "
-        f"{memory} MiB",
+        f"{stats['good_cycles']:,} cycles at 1 kHz, {stats['new_positions']:,} with new positions, "
+        f"{stats['late_positions']:,} with positions older than 20 ms, {stats['wrong_positions']} wrong positions; "
+        f"read + write p50 {p50} p99 {p99} worst {worst} us, {100 * cpu:.0f} % of a core, {memory} MiB",
         flush=True,
     )
     cell.kill()
-    return stats["ok"] == 1000 * seconds and not stats["wrong"]
+    return stats["good_cycles"] == 1000 * seconds and not stats["wrong_positions"]
 
 
 def kill_plc(cell: Cell) -> float:
     """Measure the seconds from a kill of the PLC until the controller's `read` fails. Then the safe command is sent."""
     plc, controller = cell.plc(), cell.controller(60_000, SAFE)
-    until(controller, "running")
+    read_until(controller, "running")
     time.sleep(0.5)
     plc.kill()
     begun = time.monotonic()
-    assert outcome(controller)["failed"] == "read"
+    assert read_result(controller)["failed_call"] == "read"
     took = time.monotonic() - begun
     cell.kill()
     return took
@@ -77,7 +77,7 @@ def kill_controller(cell: Cell) -> float:
     """Measure the seconds from a kill of the controller until the PLC's subscriber is stale."""
     cell.plc()
     controller = cell.controller(60_000)
-    until(controller, "running")
+    read_until(controller, "running")
     with cell.commands() as reader:
         while reader.wait(0.5) is None:
             pass

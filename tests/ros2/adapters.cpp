@@ -1,4 +1,4 @@
-// Two nodes of rclcpp in one process, with our messages in place of ROS's. It says nothing where all is right.
+// Two nodes of rclcpp in one process that use shmgen's messages instead of those of ROS. Prints nothing if all checks pass.
 #include "shm_msgs_ros2/geometry_msgs/msg/pose_stamped.hpp"
 #include "shm_msgs_ros2/sensor_msgs/msg/joint_state.hpp"
 
@@ -17,36 +17,36 @@ using AdaptedJoints = rclcpp::TypeAdapter<Joints, RosJoints>;
 
 constexpr int COUNT = 200;
 
-#define CHECK(what) \
-    if (!(what)) { \
-        std::printf("line %d: %s\n", __LINE__, #what); \
+#define CHECK(condition) \
+    if (!(condition)) { \
+        std::printf("line %d: %s\n", __LINE__, #condition); \
         std::_Exit(1); \
     }
 
-struct Pair {
-    rclcpp::Node::SharedPtr one, other;
+struct NodePair {
+    rclcpp::Node::SharedPtr first, second;
     rclcpp::executors::SingleThreadedExecutor executor;
-    explicit Pair(bool within)
+    explicit NodePair(bool intra_process)
     {
         static int number = 0;
-        const auto options = rclcpp::NodeOptions().use_intra_process_comms(within);
-        one = std::make_shared<rclcpp::Node>("one" + std::to_string(++number), options);
-        other = std::make_shared<rclcpp::Node>("other" + std::to_string(number), options);
-        executor.add_node(one);
-        executor.add_node(other);
+        const auto options = rclcpp::NodeOptions().use_intra_process_comms(intra_process);
+        first = std::make_shared<rclcpp::Node>("first" + std::to_string(++number), options);
+        second = std::make_shared<rclcpp::Node>("second" + std::to_string(number), options);
+        executor.add_node(first);
+        executor.add_node(second);
     }
-    template <class Publisher> void connected(const Publisher &publisher)
+    template <class Publisher> void wait_for_subscription(const Publisher &publisher)
     {
-        for (const auto end = std::chrono::steady_clock::now() + 20s; publisher->get_subscription_count() == 0;) {
-            CHECK(std::chrono::steady_clock::now() < end);
+        for (const auto deadline = std::chrono::steady_clock::now() + 20s; publisher->get_subscription_count() == 0;) {
+            CHECK(std::chrono::steady_clock::now() < deadline);
             executor.spin_some(10ms);
         }
     }
-    template <class Done> void until(const Done &done)
+    template <class Condition> void spin_until(const Condition &is_done)
     {
-        for (const auto end = std::chrono::steady_clock::now() + 20s; !done() && std::chrono::steady_clock::now() < end;)
+        for (const auto deadline = std::chrono::steady_clock::now() + 20s; !is_done() && std::chrono::steady_clock::now() < deadline;)
             executor.spin_some(10ms);
-        CHECK(done());
+        CHECK(is_done());
     }
 };
 
@@ -63,92 +63,92 @@ static void fill(RosPose &pose, int number)
     pose.pose.position.x = number + 0.25;
 }
 
-// `Sent` is published by a publisher of `Outlet`; a subscription of `Inlet` hands over `Taken`.
-template <class Outlet, class Sent, class Inlet, class Taken> static void passes(bool within)
+// A publisher of `PublishedType` publishes `Sent`. The callback of a subscription of `SubscribedType` receives `Received`.
+template <class PublishedType, class Sent, class SubscribedType, class Received> static void test_poses_arrive(bool intra_process)
 {
-    Pair nodes(within);
-    const rclcpp::QoS quality(COUNT);
-    std::vector<double> came;
+    NodePair nodes(intra_process);
+    const rclcpp::QoS qos(COUNT);
+    std::vector<double> received;
     const Sent *sent = nullptr;
-    bool same = true;
-    auto subscription = nodes.other->create_subscription<Inlet>("pose", quality, [&](std::unique_ptr<Taken> pose) {
-        same = same && static_cast<const void *>(pose.get()) == sent;
-        came.push_back(x_of(*pose));
+    bool is_same_object = true;
+    auto subscription = nodes.second->create_subscription<SubscribedType>("pose", qos, [&](std::unique_ptr<Received> pose) {
+        is_same_object = is_same_object && static_cast<const void *>(pose.get()) == sent;
+        received.push_back(x_of(*pose));
     });
-    auto publisher = nodes.one->create_publisher<Outlet>("pose", quality);
-    nodes.connected(publisher);
+    auto publisher = nodes.first->create_publisher<PublishedType>("pose", qos);
+    nodes.wait_for_subscription(publisher);
     for (int number = 0; number < COUNT; ++number) {
         auto pose = std::make_unique<Sent>();
         fill(*pose, number);
         sent = pose.get();
         publisher->publish(std::move(pose));
-        nodes.until([&] { return came.size() == static_cast<std::size_t>(number + 1); });
-        CHECK(came.back() == number + 0.25);
+        nodes.spin_until([&] { return received.size() == static_cast<std::size_t>(number + 1); });
+        CHECK(received.back() == number + 0.25);
     }
-    const bool is_one_type = std::is_same_v<Outlet, Inlet> && std::is_same_v<Sent, Taken>;
-    CHECK(!within || !is_one_type || same); // no copy on the way
+    const bool is_one_type = std::is_same_v<PublishedType, SubscribedType> && std::is_same_v<Sent, Received>;
+    CHECK(!intra_process || !is_one_type || is_same_object); // the message was not copied
 }
 
-template <class Outlet, class Sent> static void does_not_throw(bool within)
+template <class PublishedType, class Sent> static void test_misfit_does_not_throw(bool intra_process)
 {
-    Pair nodes(within);
-    const std::uint64_t before = AdaptedJoints::misfits();
-    Joints ours;
-    int came = 0;
-    auto subscription = nodes.other->create_subscription<AdaptedJoints>("joints", 10, [&](const Joints &joints) {
-        ours = joints;
-        ++came;
+    NodePair nodes(intra_process);
+    const std::uint64_t misfits_before = AdaptedJoints::misfits();
+    Joints message;
+    int received = 0;
+    auto subscription = nodes.second->create_subscription<AdaptedJoints>("joints", 10, [&](const Joints &joints) {
+        message = joints;
+        ++received;
     });
-    auto publisher = nodes.one->create_publisher<Outlet>("joints", 10);
-    nodes.connected(publisher);
-    Sent nine;
-    nine.position.assign(9, 1.0);
-    publisher->publish(nine);
-    nodes.until([&] { return came == 1; });
-    CHECK(AdaptedJoints::misfits() > before && !ours.position.fits());
+    auto publisher = nodes.first->create_publisher<PublishedType>("joints", 10);
+    nodes.wait_for_subscription(publisher);
+    Sent joints;
+    joints.position.assign(9, 1.0);
+    publisher->publish(joints);
+    nodes.spin_until([&] { return received == 1; });
+    CHECK(AdaptedJoints::misfits() > misfits_before && !message.position.fits());
     shm_msgs::sensor_msgs::msg::JointStatePublisher region(std::getenv("TOPIC"));
-    CHECK(region.publish(ours) == SHMGEN_COUNT_EXCEEDED && region.rejected() == "position");
-    nine.position.resize(8);
-    publisher->publish(nine);
-    nodes.until([&] { return came == 2; });
-    CHECK(ours.position.size() == 8 && region.publish(ours) == SHMGEN_OK);
+    CHECK(region.publish(message) == SHMGEN_COUNT_EXCEEDED && region.rejected() == "position");
+    joints.position.resize(8);
+    publisher->publish(joints);
+    nodes.spin_until([&] { return received == 2; });
+    CHECK(message.position.size() == 8 && region.publish(message) == SHMGEN_OK);
 }
 
-// On request, as it was once for all.
-static void throws()
+// With adapters_throw, a misfit throws an exception.
+static void test_misfit_throws_on_request()
 {
-    Pair nodes(false);
-    auto subscription = nodes.other->create_subscription<AdaptedJoints>("joints", 10, [](const Joints &) {});
-    auto publisher = nodes.one->create_publisher<RosJoints>("joints", 10);
-    nodes.connected(publisher);
-    RosJoints nine;
-    nine.position.assign(9, 1.0);
-    publisher->publish(nine);
+    NodePair nodes(false);
+    auto subscription = nodes.second->create_subscription<AdaptedJoints>("joints", 10, [](const Joints &) {});
+    auto publisher = nodes.first->create_publisher<RosJoints>("joints", 10);
+    nodes.wait_for_subscription(publisher);
+    RosJoints joints;
+    joints.position.assign(9, 1.0);
+    publisher->publish(joints);
     shmgen::adapters_throw = true;
-    bool thrown = false;
-    for (const auto end = std::chrono::steady_clock::now() + 20s; !thrown && std::chrono::steady_clock::now() < end;) {
+    bool has_thrown = false;
+    for (const auto deadline = std::chrono::steady_clock::now() + 20s; !has_thrown && std::chrono::steady_clock::now() < deadline;) {
         try {
             nodes.executor.spin_some(10ms);
         } catch (const std::range_error &) {
-            thrown = true;
+            has_thrown = true;
         }
     }
-    CHECK(thrown);
+    CHECK(has_thrown);
 }
 
-int main(int count, char **words)
+int main(int argc, char **argv)
 {
-    rclcpp::init(count, words);
-    for (const bool within : {false, true}) {
-        passes<AdaptedPose, Pose, AdaptedPose, Pose>(within);
-        passes<AdaptedPose, Pose, RosPose, RosPose>(within);
-        passes<AdaptedPose, RosPose, AdaptedPose, Pose>(within);
-        passes<AdaptedPose, RosPose, RosPose, RosPose>(within);
-        passes<RosPose, RosPose, AdaptedPose, Pose>(within);
-        passes<RosPose, RosPose, RosPose, RosPose>(within);
-        does_not_throw<RosJoints, RosJoints>(within);
-        does_not_throw<AdaptedJoints, RosJoints>(within);
+    rclcpp::init(argc, argv);
+    for (const bool intra_process : {false, true}) {
+        test_poses_arrive<AdaptedPose, Pose, AdaptedPose, Pose>(intra_process);
+        test_poses_arrive<AdaptedPose, Pose, RosPose, RosPose>(intra_process);
+        test_poses_arrive<AdaptedPose, RosPose, AdaptedPose, Pose>(intra_process);
+        test_poses_arrive<AdaptedPose, RosPose, RosPose, RosPose>(intra_process);
+        test_poses_arrive<RosPose, RosPose, AdaptedPose, Pose>(intra_process);
+        test_poses_arrive<RosPose, RosPose, RosPose, RosPose>(intra_process);
+        test_misfit_does_not_throw<RosJoints, RosJoints>(intra_process);
+        test_misfit_does_not_throw<AdaptedJoints, RosJoints>(intra_process);
     }
-    throws();
+    test_misfit_throws_on_request();
     std::_Exit(0);
 }

@@ -195,8 +195,8 @@ SAFE = r'(<command_interface name="enable">)(.*?)(<param name="field">)', r'\1\2
 def test_values_pass_to_the_plc_and_back(cell: Cell) -> None:
     cell.plc()
     result = read_result(cell.controller(3000))
-    assert (result["ok"], result["failed"], result["wrong"]) == (3000, "", 0), result
-    assert result["answered"] > 2000, result
+    assert (result["good_cycles"], result["failed_call"], result["wrong_positions"]) == (3000, "", 0), result
+    assert result["new_positions"] > 2000, result
 
 
 def test_killed_plc_is_an_error_and_sends_the_safe_command(cell: Cell) -> None:
@@ -208,11 +208,12 @@ def test_killed_plc_is_an_error_and_sends_the_safe_command(cell: Cell) -> None:
     started_at = time.monotonic()
     result = read_result(controller)
     assert time.monotonic() - started_at < 5
-    assert (result["failed"], result["wrong"]) == ("read", 0), result
+    assert (result["failed_call"], result["wrong_positions"]) == ("read", 0), result
     with cell.commands() as reader:
         last = reader.read()
     assert last is not None
-    assert (last.enable, next(iter(last.position))) == (0, float(result["ok"])), "enable is safe, the positions stay"
+    expected = (0, float(result["good_cycles"]))
+    assert (last.enable, next(iter(last.position))) == expected, "enable is safe, the positions stay"
 
 
 def test_plc_detects_a_killed_controller(cell: Cell) -> None:
@@ -233,7 +234,7 @@ def test_plc_detects_a_killed_controller(cell: Cell) -> None:
 def test_command_out_of_range_is_an_error(cell: Cell) -> None:
     cell.plc()
     result = read_result(cell.controller(1000, enable=256))
-    assert (result["failed"], result["ok"]) == ("write", 0)
+    assert (result["failed_call"], result["good_cycles"]) == ("write", 0)
 
 
 @pytest.mark.parametrize("reason", ["error", "deactivation"])
@@ -303,5 +304,5 @@ def test_element_beyond_a_sequence_has_no_value(cell: Cell) -> None:
     for index in (1, 2):
         field = (r">position\[1\](?=</param>\s*</state)", f">parts[1].weights[{index}]")
         result = read_result(cell.controller(500, field))
-        assert result["failed"] == ""
-        assert (result["wrong"] > 0) == (index == 2), (index, result)
+        assert result["failed_call"] == ""
+        assert (result["wrong_positions"] > 0) == (index == 2), (index, result)

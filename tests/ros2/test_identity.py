@@ -22,7 +22,7 @@ from shmgen.generator import pipeline
 from shmgen.live.classes import subscriber
 from shmgen.runtime import ServiceClient, ShmError
 
-from ..dds.conftest import Taken
+from ..dds.conftest import Errors
 from ..support.dds import LOOPBACK
 from ..support.ros1 import wait_for
 from ..support.ros2 import Graph
@@ -152,14 +152,13 @@ def test_subscriber_of_another_definition_is_reported(
 ) -> None:
     """Report it because it misreads the bridge's messages, whether it joins before or after the bridge."""
     texts = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "first": "float64 a\n", "last": "float64 a\n"}
-    sinks = {name: Taken(lambda message: None) for name in texts}
-    dds_peer.subscribe(wire(tmp_path / "first", f"{space}/first", texts["first"]), sinks["first"])
+    dds_peer.subscribe(wire(tmp_path / "first", f"{space}/first", texts["first"]), lambda message: None, Errors())
     bridge = graph.bridge(
         f'source = "{graph.source}"\n'
         + "".join(topic(f"{space}/{name}", "geometry_msgs/Vector3", 'direction = "from_plc"') for name in texts)
     )
     for name in ("same", "last"):
-        dds_peer.subscribe(wire(tmp_path / name, f"{space}/{name}", texts[name]), sinks[name])
+        dds_peer.subscribe(wire(tmp_path / name, f"{space}/{name}", texts[name]), lambda message: None, Errors())
     for name in ("first", "last"):
         bridge.wait_for_line(
             f"{space}/{name}: a peer defines geometry_msgs/Vector3: .*it will misread the bridge's messages"
@@ -202,7 +201,7 @@ def test_other_service_type_is_refused(graph: Graph, dds_peer: backend.Graph, sp
         assert plc.call(SimpleNamespace(data=True), 5) is not None
         requests.clear()
         dds_peer.client(service(tmp_path, f"{space}/flag", "int8 data"))
-        dds_peer.serve(service(tmp_path, f"{space}/of/flag", "int8 data"), lambda *call: None, print)
+        dds_peer.serve(service(tmp_path, f"{space}/of/flag", "int8 data"), lambda *call: None, Errors())
 
         def is_refused(name: str) -> bool:
             """Return True if the log reports the refusal: on a busy machine, a call may fail for another reason."""
@@ -239,12 +238,12 @@ def test_dds_refuses_other_types(graph: Graph, space: str, tmp_path: Path, monke
     bridge_graph = backend.connect(Node("ours", graph.number, log.append, lambda: False))
     definitions = {"same": "float64 x\nfloat64 y\nfloat64 z\n", "accepted": OTHERS["renamed"], **OTHERS}
     received: dict[str, list[Any]] = {name: [] for name in definitions}
-    sinks = {name: Taken(received[name].append) for name in definitions}
+    errors = {name: Errors() for name in definitions}
     peer = graph.peer()
     try:
         for name, text in definitions.items():
             own_wire = replace(wire(tmp_path / name, f"{space}/{name}", text), accepts_other=name in ACCEPT_KEYS)
-            bridge_graph.subscribe(own_wire, sinks[name])
+            bridge_graph.subscribe(own_wire, received[name].append, errors[name])
             peer.ask(do="advertise", topic=f"{space}/{name}", type="geometry_msgs/msg/Vector3")
             outlets.append(bridge_graph.publisher(wire(tmp_path / name, f"{space}/back_{name}", text)))
             peer.ask(do="subscribe", topic=f"{space}/back_{name}", type="geometry_msgs/msg/Vector3")
@@ -252,7 +251,7 @@ def test_dds_refuses_other_types(graph: Graph, space: str, tmp_path: Path, monke
             assert peer.ask(do="connected", topic=f"{space}/{name}") == 1, name
             peer.ask(do="publish", topic=f"{space}/{name}", messages=[{"x": 1.5}] * 2)
         wait_for(lambda: len(received["same"]) == len(received["accepted"]) == 2, "what is the same")
-        wait_for(lambda: all(sinks[name].logged for name in OTHERS), "refusals", lambda: str(log))
+        wait_for(lambda: all(errors[name].logged for name in OTHERS), "refusals", lambda: str(log))
         wait_for(lambda: len(log) >= 2 * len(OTHERS) + 2, "a word on subscribers", lambda: str(log))
     finally:
         bridge_graph.close()

@@ -35,12 +35,7 @@ schema = pipeline.read(Config(Path.cwd()), ["geometry_msgs/Pose"])
 wire = Wire("/wakes", closure(schema, schema.messages[-1].name))
 graph = backend.connect(Node("wakes", None, print, lambda: False))
 came = threading.Semaphore(0)
-
-class Taken(Counters):
-    def take(self, message):
-        came.release()
-
-graph.subscribe(wire, Taken("/wakes", print))
+graph.subscribe(wire, lambda message: came.release(), Counters("/wakes", print))
 outlet = graph.publisher(wire)
 message = outlet.new()
 for _ in range(200):

@@ -65,7 +65,7 @@ def test_limits_are_those_of_the_protocol():
     assert (claim.WATCHED, claim._CONFIRM, STOOD_STILL) == (1.0, 0.1, 0.05)
     assert (lock.LOCK_TIMEOUT, settings.UNTIL_RECOVERED, lock._DEAD_AFTER, lock._STUCK_AFTER) == (0.01, 1.1, 0.05, 1.0)
     assert (subscriber._POLL, reader._POLL, wait_any._SLICE) == (0.001, 0.001, 0.01)
-    assert (calls._FRESH, calls._HEARTBEAT, access.PEER_TIMEOUT) == (1.0, 0.05, 0.1)
+    assert (calls._FRESH, calls.HEARTBEAT_INTERVAL, access.PEER_TIMEOUT) == (1.0, 0.05, 0.1)
 
 
 def test_stopped_plc_is_watched_for_a_second_and_keeps_its_lane(region, clock):

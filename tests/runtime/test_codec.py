@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from shmgen.config import Config
 from shmgen.core.model import TypeName, TypeOptions
 from shmgen.generator import pipeline
-from shmgen.runtime import CountExceeded, OutOfRange, engine
+from shmgen.runtime import CountExceeded, OutOfRange, Publisher, Subscriber, engine
 from shmgen.runtime.messages import walker
 from tests.conftest import REPOSITORY
 from tests.support import build, c_structs, import_or_skip, sanitizers, schemas
@@ -122,12 +122,14 @@ TIMES = (
 
 
 class Walkers:
-    """Both walkers of one message class. encode() and decode() compare their results and errors."""
+    """The walkers of one message class, in C by a publisher and a subscriber. encode() and decode() compare the two."""
 
-    def __init__(self, kind: Any) -> None:
-        self.kind, self.codec = kind, engine.codec(kind)
-        assert self.codec is not None
-        self.size = ctypes.sizeof(kind)
+    def __init__(self, kind: Any, topic: str) -> None:
+        self.kind, self.size = kind, ctypes.sizeof(kind)
+        self.foreign = type("Foreign", (kind,), {})  # its objects are encoded; those of `kind` are copied
+        topic = f"{topic}/t{kind._digest_:x}"
+        self.publisher = type("AnyPublisher", (Publisher,), {"message_type": kind})(topic)
+        self.subscriber = type("AnySubscriber", (Subscriber,), {"message_type": kind})(topic)
 
     def in_python(self, message: Any) -> tuple[bytes, int]:
         """Return the bytes and the number of truncated texts."""
@@ -136,9 +138,13 @@ class Walkers:
         return bytes(into), truncated
 
     def in_c(self, message: Any) -> tuple[bytes, int]:
-        into = bytearray(b"\xaa" * self.size)  # not zeros, like the bytes of a former message
-        truncated = self.codec.encode(message, into)
-        return bytes(into), truncated
+        before = self.publisher.truncations
+        self.publisher.publish(self.foreign.from_buffer_copy(message) if type(message) is self.kind else message)
+        return bytes(self.subscriber.read()), self.publisher.truncations - before
+
+    def decode_in_c(self, data: bytes, message: Any) -> None:
+        self.publisher.publish(self.kind.from_buffer_copy(data))
+        assert self.subscriber.read_into(message)
 
     def encode(self, message: Any) -> bool:
         """Encode with both walkers. Return True if they raise no error."""
@@ -150,7 +156,7 @@ class Walkers:
         """Decode into copies of `message` with both walkers. Return True if they raise no error."""
         by_c, expected = clone(message), clone(message)
         result = outcome(walker.decode, self.kind, data, expected)
-        assert outcome(self.codec.decode, data, by_c) == result
+        assert outcome(self.decode_in_c, data, by_c) == result
         if result is None:
             assert_same(by_c, expected)
         return result is None
@@ -228,7 +234,7 @@ def vary(value: Any, draw: random.Random) -> Any:
 
 @given(schema=schemas.schemas(), options=st.sampled_from(OPTIONS), seed=st.integers(0, 2**32))
 @settings(max_examples=schemas.examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_message_encodes_and_decodes_as_in_python(schema, options, seed, tmp_path_factory):
+def test_any_message_encodes_and_decodes_as_in_python(schema, options, seed, tmp_path_factory, topic):
     folder = tmp_path_factory.mktemp("any")
     layouts = build.layouts_of(schema, options)
     package = f"coded_{folder.name}"
@@ -236,7 +242,7 @@ def test_any_message_encodes_and_decodes_as_in_python(schema, options, seed, tmp
     draw = random.Random(seed)
     for layout in layouts.values():
         kind, _, _ = build.classes(folder, package, layout.name)
-        both = Walkers(kind)
+        both = Walkers(kind, topic)
         for _ in range(schemas.messages(4)):
             message, target = (make_constructible(schemas.random_message(layout, layouts, draw)) for _ in "io")
             assert both.encode(message), layout.message
@@ -267,7 +273,7 @@ def test_gcc_structures_hold_the_values_of_the_walker(schema, options, seed, tmp
         kind, _, _ = build.classes(folder, package, layout.name)
         for _ in range(schemas.messages(4)):
             message = make_constructible(schemas.random_message(layout, layouts, draw))
-            data, _ = Walkers(kind).in_python(message)
+            data = bytes(kind._from_object(message))
             walker.decode(kind, data, message)
             seen = c_structs.seen_by_c(library, layout, data)
             assert seen == c_structs.leaves(message, layout, layouts), layout.message
@@ -310,8 +316,8 @@ def tree(**changed: Any) -> SimpleNamespace:
 
 
 @pytest.mark.slow
-def test_numbers_and_sequences_of_every_kind(tree_kind):
-    both, accepted = Walkers(type(tree_kind().one)), set()
+def test_numbers_and_sequences_of_every_kind(tree_kind, topic):
+    both, accepted = Walkers(type(tree_kind().one), topic), set()
     for field in NUMBERS:
         for value in (*EDGES, *UNUSUAL_VALUES):
             both.encode(Leaf(**{f"{field}_one": value}))
@@ -327,8 +333,8 @@ def test_numbers_and_sequences_of_every_kind(tree_kind):
 
 
 @pytest.mark.family("[0]")
-def test_texts_and_times_of_every_kind(trees):
-    both = Walkers(trees.Tree)
+def test_texts_and_times_of_every_kind(trees, topic):
+    both = Walkers(trees.Tree, topic)
     for text in TEXTS:
         for changed in ({"text": text}, {"wide": text}):
             both.encode(tree(one=Leaf(**changed)))
@@ -348,9 +354,9 @@ def test_texts_and_times_of_every_kind(trees):
 
 
 @pytest.mark.family("[0]")
-def test_invalid_text_bool_and_count_decode_as_in_python(trees):
+def test_invalid_text_bool_and_count_decode_as_in_python(trees, topic):
     """Decode stale text after a NUL, invalid UTF-8, half a surrogate pair, a bool of 2, and too high counts."""
-    both, draw = Walkers(trees.Tree), random.Random(3)
+    both, draw = Walkers(trees.Tree, topic), random.Random(3)
     data, _ = both.in_python(tree(one=Leaf(text="\xc3\xa9")))  # its bytes in Latin-1 are another text in UTF-8
     assert both.decode(data, tree())
     data, _ = both.in_python(tree())
@@ -367,9 +373,9 @@ def test_invalid_text_bool_and_count_decode_as_in_python(trees):
 
 
 @pytest.mark.slow
-def test_attributes_may_run_any_code(tree_kind):
+def test_attributes_may_run_any_code(tree_kind, topic):
     """Let attributes raise, change lists during the iteration, encode again, or release objects in use."""
-    both, calls = Walkers(tree_kind), []
+    both, calls = Walkers(tree_kind, topic), []
     expected = both.in_python(tree())
 
     def tree_with_hook(change: Any) -> Any:
@@ -398,7 +404,7 @@ def test_attributes_may_run_any_code(tree_kind):
 
     def encode_again(root: Any) -> None:
         assert both.in_c(tree(last=1)) == both.in_python(tree(last=1))
-        both.codec.decode(expected[0], tree())
+        both.decode_in_c(expected[0], tree())
 
     assert both.in_c(tree_with_hook(encode_again)) == both.in_c(tree_with_hook(replace)) == expected
     assert outcome(both.in_c, tree_with_hook(lambda root: 1 // 0))[0] is ZeroDivisionError
@@ -409,7 +415,7 @@ def test_attributes_may_run_any_code(tree_kind):
     with pytest.raises(CountExceeded, match="some: 101 elements"):
         both.in_c(tree_with_hook(lambda root: root.some.extend([Leaf()] * 50)))
     for change in (encode_again, replace, clear, lambda root: 1 // 0, lambda root: vars(root).clear()):
-        outcome(both.codec.decode, expected[0], tree_with_hook(change))
+        outcome(both.decode_in_c, expected[0], tree_with_hook(change))
     assert len(calls) > 10
 
     def interrupt(root: Any) -> None:
@@ -417,14 +423,14 @@ def test_attributes_may_run_any_code(tree_kind):
 
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            both.codec.encode(tree_with_hook(interrupt), bytearray(both.size))
+            both.in_c(tree_with_hook(interrupt))
         with pytest.raises(KeyboardInterrupt):
-            both.codec.decode(expected[0], tree_with_hook(interrupt))
+            both.decode_in_c(expected[0], tree_with_hook(interrupt))
 
 
-def test_attributes_are_evaluated_once(tree_kind):
+def test_attributes_are_evaluated_once(tree_kind, topic):
     """Evaluate unusual values once as well: the walker in C passes them to Python unchanged."""
-    both, seen = Walkers(tree_kind), []
+    both, seen = Walkers(tree_kind, topic), []
 
     class Counted(SimpleNamespace):
         def __getattribute__(self, name: str) -> Any:
@@ -442,8 +448,8 @@ def test_attributes_are_evaluated_once(tree_kind):
     assert sorted(seen) == sorted([*tree_kind._names_, *type(tree_kind().one)._names_, "secs", "nsecs", "sec"])
 
 
-def test_number_conversion_may_clear_its_own_list(tree_kind):
-    both = Walkers(tree_kind)
+def test_number_conversion_may_clear_its_own_list(tree_kind, topic):
+    both = Walkers(tree_kind, topic)
     root = tree(long=[0.5] * 600, one=Leaf(int32_three=[1, 2, 3]))
 
     def clear_lists(_: Any) -> int:
@@ -460,9 +466,9 @@ def test_number_conversion_may_clear_its_own_list(tree_kind):
     assert tree_kind.from_buffer_copy(data).long[2:5] == [0.5, 0.25, 0.5]
 
 
-def test_long_arrays_are_released_after_encoding(tree_kind):
+def test_long_arrays_are_released_after_encoding(tree_kind, topic):
     """Release buffers after success, a later failure and an interrupt. An array in use as a buffer cannot grow."""
-    both = Walkers(tree_kind)
+    both = Walkers(tree_kind, topic)
     data, long = bytearray(b"ab"), array.array("d", [0.5] * 600)
     assert both.in_c(tree(data=data, long=long)) == both.in_python(tree(data=data, long=long))
     assert outcome(both.in_c, tree(data=data, long=long, last=256))[0] is OutOfRange
@@ -479,8 +485,8 @@ def test_long_arrays_are_released_after_encoding(tree_kind):
 
 
 @pytest.mark.slow
-def test_codec_leaks_no_memory(tree_kind):
-    both = Walkers(tree_kind)
+def test_codec_leaks_no_memory(tree_kind, topic):
+    both, codec = Walkers(tree_kind, topic), engine.codec(tree_kind)
     draw = random.Random(1)
     messages = [tree(), tree_kind(), vary(tree(), draw), vary(tree(), draw), tree(last=256), tree(texts=["a", 1])]
     data, _ = both.in_python(tree())
@@ -489,15 +495,15 @@ def test_codec_leaks_no_memory(tree_kind):
         for _ in range(times):
             for message in messages:
                 outcome(both.in_c, message)
-                both.codec.decode(data, message)
+                both.decode_in_c(data, message)
         gc.collect()
         return int(Path("/proc/self/statm").read_text().split()[1])
 
     before = repeat(200)
-    references = [sys.getrefcount(kind) for kind in (tree_kind, type(both.codec))]
+    references = [sys.getrefcount(kind) for kind in (tree_kind, type(codec))]
     assert repeat(1000) - before < 256, "pages"
-    assert engine.codec(tree_kind) is both.codec, "created once"
-    assert [sys.getrefcount(kind) for kind in (tree_kind, type(both.codec))] == references
+    assert engine.codec(tree_kind) is codec, "created once"
+    assert [sys.getrefcount(kind) for kind in (tree_kind, type(codec))] == references
 
 
 HERE, WIRE = "tests/runtime/test_codec.py", "tests/bridge/test_transcode.py"
@@ -529,7 +535,7 @@ FAULTS = {
     "bytes not swapped": ("wire.c", "from[size - 1 - index]", "from[index]", "codecs_equal or genpy"),
     "a text without its end": ("wire.c", "(ends && text[length - 1] != 0)", "false", "refused"),
     "a text past the bytes": ("wire.c", "|| length > wire->room - wire->at)\n", ")\n", "codecs_equal or genpy"),
-    "a bool of 2 from ROS": ("wire.c", "into[index] > 1", "into[index] > 2", "refused"),
+    "a bool of 2 from ROS": ("wire.c", "memory[index] > 1", "memory[index] > 2", "refused"),
     "seconds past ROS": ("wire.c", "parts[0] > (is_signed ? INT32_MAX : UINT32_MAX)", "false", "codecs_equal or genpy"),
 }  # fmt: skip
 """Faults to plant in the extension: the file, the old text, the new text, and the tests that detect the fault."""

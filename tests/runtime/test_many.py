@@ -18,7 +18,7 @@ import pytest
 
 from shmgen import runtime
 from shmgen.runtime import engine, ready_any, wait_any
-from shmgen.runtime.reference import bell
+from shmgen.runtime.reference import writer
 from shmgen.runtime.reference.region import Semaphore
 from shmgen.runtime.region import header as h
 from shmgen.runtime.region.names import event_name, semaphore_file
@@ -97,7 +97,7 @@ def wake_reader(subscriber):
     region = region_of(subscriber)
     region.words[h.ARMED] = 0
     region.words[h.BELL] += 1
-    bell.ring(region.map)
+    writer.ring(region.map)
 
 
 def sleep_on_all(subscribers, ns):

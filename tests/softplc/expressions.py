@@ -165,7 +165,7 @@ class Scope:
         if conversion := _CONVERSION.fullmatch(name):
             if len(values) != 1:
                 raise Unsupported(f"{name} of {len(values)} values")
-            return f"converted<{conversion[2]}>(as_given<{conversion[1]}>({spelled}))"
+            return f"convert<{conversion[2]}>(as_argument<{conversion[1]}>({spelled}))"
         if name == "ADR" or name in _FUNCTIONS:
             return f"{name}({spelled})"
         raise Unsupported(f"the function {name}")

@@ -118,11 +118,11 @@ class Plc:
 
     def born(self, value: int) -> None:
         """Let semaphores that the PLC creates from now on begin at this value, 0 or 1."""
-        self.library.shim_sem_born(value)
+        self.library.shim_set_initial_value(value)
 
     def round_sizes(self, rounded: bool) -> None:
         """Choose whether the PLC compares sizes of shared memory exactly, or rounds the sizes up to pages first."""
-        self.library.shim_shm_round(int(rounded))
+        self.library.shim_round_sizes(int(rounded))
 
     def fail(self, function: str, result: int) -> None:
         """Let the next calls of a system function return `result`. If `result` is 0, the function works again."""
@@ -141,11 +141,11 @@ class Plc:
     def set_clock(self, ms: int) -> None:
         """Stop the clock of TIME() at this value."""
         self.now = ms
-        self.library.shim_set_now(ctypes.c_uint32(ms))
+        self.library.shim_stop_clock(ctypes.c_uint32(ms))
 
     def run_clock(self) -> None:
         """Let the clock of TIME() run again."""
-        self.library.shim_run_now()
+        self.library.shim_restart_clock()
 
     @property
     def waits(self) -> int:

@@ -1,8 +1,7 @@
-/* SysShm and SysSemProcess as a CODESYS runtime on Linux offers them, on shm_open and sem_open; a stand-in for tests.
+/* A stand-in for the libraries SysShm and SysSemProcess of a CODESYS runtime on Linux, which uses shm_open and sem_open.
  *
- * Results are those of CmpErrors: 0 OK, 1 FAILED, 2 PARAMETER, 5 TIMEOUT, 15 BUFFERSIZE, 16 NO_OBJECT, 17 NOMEMORY,
- * 18 DUPLICATE, 25 NO_ACCESS_RIGHTS. An invalid handle has all bits set.
- */
+ * Results are those of CODESYS's CmpErrors: 0 OK, 1 FAILED, 2 PARAMETER, 5 TIMEOUT, 15 BUFFERSIZE, 16 NO_OBJECT, 17 NOMEMORY,
+ * 18 DUPLICATE, 25 NO_ACCESS_RIGHTS. An invalid handle has all bits set. */
 #ifndef SHIM_H
 #define SHIM_H
 
@@ -19,18 +18,18 @@ uint32_t shim_shm_close(uint64_t handle);
 uint64_t shim_sem_create(const char *name, uint32_t *result);
 uint32_t shim_sem_enter(uint64_t handle, uint32_t timeout_ms);
 uint32_t shim_sem_leave(uint64_t handle);
-uint32_t shim_sem_delete(uint64_t handle); /* here: gives the handle back, the file stays; of CODESYS nobody knows */
-uint32_t shim_now(void); /* [ms], for TIME() */
+uint32_t shim_sem_delete(uint64_t handle); /* keeps the file; CODESYS does not document whether it removes the file */
+uint32_t shim_now(void); /* the value of TIME() in ms */
 
-/* What tests set and ask. */
-void shim_sem_born(unsigned value);                        /* of semaphores made from now on: 0 or 1 */
-void shim_shm_round(int rounded);                          /* sizes: 0 = exact, 1 = rounded up to pages first */
-void shim_fail(const char *function, uint32_t result);     /* the next calls of it give this result; 0 = no longer */
-void shim_set_now(uint32_t ms);                            /* stops the clock there */
-void shim_run_now(void);                                   /* lets it run again */
-uint32_t shim_waits(void);                                 /* how often Enter had a time limit other than 0 */
+/* Functions for tests. */
+void shim_set_initial_value(unsigned value);           /* the initial value of new semaphores: 0 or 1 */
+void shim_round_sizes(int rounded);                    /* sizes of shared memory: 0 = exact, 1 = rounded up to pages */
+void shim_fail(const char *function, uint32_t result); /* the next calls of `function` return this result; 0 = no failure */
+void shim_stop_clock(uint32_t ms);                     /* stops the clock at this time */
+void shim_restart_clock(void);                         /* restarts the clock */
+uint32_t shim_waits(void);                             /* the number of calls of Enter with a time limit other than 0 */
 
-/* Calls `call(self, 0)` each period; gives the longest time that one took, in ns, or ends at the first `*reason`. */
+/* Calls all programs once per period, until one fails with a `*reason`. Returns the duration of the longest cycle in ns. */
 typedef struct shim_program {
     const char *(*call)(void *, void *);
     void *self;

@@ -3,7 +3,7 @@ find_package(ament_cmake_core QUIET REQUIRED)
 find_package(rosidl_generator_cpp QUIET REQUIRED)  # runs first, because shmgen's TypeAdapters use its classes
 find_program(SHMGEN_EXECUTABLE shmgen)
 if(SHMGEN_EXECUTABLE)
-  file(REAL_PATH "${SHMGEN_EXECUTABLE}" _shmgen)  # pipx puts only a link into PATH
+  file(REAL_PATH "${SHMGEN_EXECUTABLE}" _shmgen)  # pipx puts only a symbolic link into PATH
   cmake_path(GET _shmgen PARENT_PATH _shmgen)
   find_package(shmgen QUIET HINTS "${_shmgen}/../share/shmgen/cmake")
 endif()

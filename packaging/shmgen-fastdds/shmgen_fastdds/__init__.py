@@ -26,13 +26,13 @@ _CALL = 24
 """Bytes of the identity of a call: the client's GUID and a number."""
 _HEADER = 20
 """Maximum bytes before a message: the encapsulation header, and the call identity of rmw_cyclonedds."""
-_WORDS = 4096
+_USER_DATA = 4096
 """Maximum bytes of a peer's user data."""
 _PEERS = 1024
 """Maximum number of peer readers, and of peer writers, of one service."""
 _GET_ADDRESS = 0x8915
 """SIOCGIFADDR (linux/sockios.h)."""
-_EVERYBODY = "239.255.0.1"
+_DISCOVERY_ADDRESS = "239.255.0.1"
 """The multicast address of discovery. It must be listed if other peers are listed (DDSI-RTPS 2.5, 9.6.2.4)."""
 
 
@@ -55,16 +55,16 @@ class Fast:
             function.restype = ctypes.c_void_p
         self._log = node.log
         self._largest = node.largest + _HEADER
-        ours = addresses() or ["127.0.0.1"] if network.reach == "LOCALHOST" else []
-        peers = [*ours, *_resolved(network.peers, node.log)]
-        if peers and not ours:
-            peers.append(_EVERYBODY)
+        own_addresses = addresses() or ["127.0.0.1"] if network.reach == "LOCALHOST" else []
+        peers = [*own_addresses, *_resolved(network.peers, node.log)]
+        if peers and not own_addresses:
+            peers.append(_DISCOVERY_ADDRESS)
         before = sockets()
         handle = library.fast_join(
             domain,
             f"{node.name}_services".encode(),
             " ".join(peers).encode(),
-            " ".join(ours).encode(),
+            " ".join(own_addresses).encode(),
             ctypes.c_uint32(self._largest),
         )
         if not handle:
@@ -114,17 +114,17 @@ class FastPair(Pair):
         return [guids[start : start + _GUID] for start in range(0, len(guids), _GUID)]
 
     def _read_user_data(self, peer: Hashable, is_writer: bool) -> list[str]:
-        words = ctypes.create_string_buffer(_WORDS)
-        length = self._library.fast_said(self._handle, peer, words, _WORDS)
+        user_data = ctypes.create_string_buffer(_USER_DATA)
+        length = self._library.fast_user_data(self._handle, peer, user_data, _USER_DATA)
         if length < 0:
             raise LookupError(peer)
-        return words.raw[: min(length, _WORDS)].decode(errors="replace").split(";")
+        return user_data.raw[: min(length, _USER_DATA)].decode(errors="replace").split(";")
 
     def send(self, cdr: bytes, call: bytes | None = None) -> bytes:
-        sent = ctypes.create_string_buffer(_CALL)
-        if not self._library.fast_send(self._handle, cdr, ctypes.c_uint32(len(cdr)), call, sent):
-            self._log("Fast DDS has not sent a request or a reply")
-        return sent.raw
+        sent_call = ctypes.create_string_buffer(_CALL)
+        if not self._library.fast_send(self._handle, cdr, ctypes.c_uint32(len(cdr)), call, sent_call):
+            self._log("Fast DDS could not send a request or a reply")
+        return sent_call.raw
 
     def close(self) -> None:
         self._library.fast_close(self._handle)
@@ -135,39 +135,40 @@ class FastPair(Pair):
     def _run(self, callback: Callable[[ReceivedCall], None], name: str) -> None:
         buffer = ctypes.create_string_buffer(self._largest)
         sender, call = ctypes.create_string_buffer(_GUID), ctypes.create_string_buffer(_CALL)
-        room, callback = ctypes.c_uint32(self._largest), guarded(callback, name, self._log)
-        while (size := self._library.fast_take(self._handle, buffer, room, sender, call)) >= 0:
+        capacity, callback = ctypes.c_uint32(self._largest), guarded(callback, name, self._log)
+        while (size := self._library.fast_take(self._handle, buffer, capacity, sender, call)) >= 0:
             if not size:
                 self.peers(True)
                 self.peers(False)
                 continue
             try:
-                words = self._user_data_of(sender.raw, True)
-            except LookupError:  # the client has left already and awaits no answer
+                user_data = self._user_data_of(sender.raw, True)
+            except LookupError:  # the client has left and waits for no reply
                 continue
-            callback(ReceivedCall(ctypes.string_at(buffer, size), words, sender.raw, call.raw))
+            callback(ReceivedCall(ctypes.string_at(buffer, size), user_data, sender.raw, call.raw))
 
 
 def _resolved(names: Iterable[str], log: Callable[[str], None]) -> list[str]:
-    resolved = []
+    """Return the IPv4 address of each host name. Log the names without one."""
+    ipv4_addresses = []
     for name in names:
         try:
-            resolved.append(socket.getaddrinfo(name, None, socket.AF_INET)[0][4][0])
+            ipv4_addresses.append(socket.getaddrinfo(name, None, socket.AF_INET)[0][4][0])
         except OSError as error:
-            log(f"dds: services do not find {name}: {error}")
-    return [str(address) for address in resolved]
+            log(f"dds: no IPv4 address for the peer {name}, so its services are not discovered: {error}")
+    return [str(address) for address in ipv4_addresses]
 
 
 def addresses() -> list[str]:
     """Return the IPv4 address of each network interface of this machine, except loopback addresses.
 
-    If each address is listed in the configuration, Fast DDS does not announce itself as 127.0.0.1. Cyclone ignores
-    announcements from there.
+    If Fast DDS is configured with these addresses, it does not announce itself as 127.0.0.1. Cyclone DDS ignores
+    announcements from that address.
     """
     interface_addresses = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex():
             with suppress(OSError):  # the interface has no IPv4 address
-                answer = fcntl.ioctl(probe, _GET_ADDRESS, struct.pack("256s", name.encode()))
-                interface_addresses.append(socket.inet_ntoa(answer[20:24]))
+                request = fcntl.ioctl(probe, _GET_ADDRESS, struct.pack("256s", name.encode()))
+                interface_addresses.append(socket.inet_ntoa(request[20:24]))
     return [address for address in interface_addresses if not address.startswith("127.")]

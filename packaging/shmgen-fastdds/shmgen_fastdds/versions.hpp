@@ -1,4 +1,4 @@
-// Names that differ between Fast DDS 2 and 3, and the data type that services.cpp registers with both.
+// Names that differ between Fast DDS 2 and 3, and the data type that services.cpp registers with either version.
 #pragma once
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -33,29 +33,29 @@ namespace {
 
 using namespace eprosima::fastdds::dds;
 // Nanoseconds between two heartbeats of a writer while a reader has not acknowledged all samples.
-const std::uint32_t HEARTBEAT = 20'000'000;
+const std::uint32_t HEARTBEAT_PERIOD = 20'000'000;
 #if FAST_DDS_3
 namespace rtps = eprosima::fastdds::rtps;
 const auto OK = RETCODE_OK;
-bool written(ReturnCode_t code) { return code == OK; }
+bool is_ok(ReturnCode_t code) { return code == OK; }
 #else
 namespace rtps = eprosima::fastrtps::rtps;
 const ReturnCode_t OK = ReturnCode_t::RETCODE_OK;
-bool written(bool done) { return done; }
+bool is_ok(bool is_written) { return is_written; }
 #endif
-// Makes the writer resend lost samples at once. By default that takes 3 s, and later calls wait.
-void promptly(DataWriterQos &quality) {
-    auto &times = quality.reliable_writer_qos().times;
+// Make the writer resend lost samples at once. With the default times, a repetition takes 3 s, and later calls wait.
+void resend_at_once(DataWriterQos &qos) {
+    auto &times = qos.reliable_writer_qos().times;
 #if FAST_DDS_3
-    times.heartbeat_period = {0, HEARTBEAT};
+    times.heartbeat_period = {0, HEARTBEAT_PERIOD};
     times.nack_response_delay = {0, 0};
 #else
-    times.heartbeatPeriod = {0, HEARTBEAT};
+    times.heartbeatPeriod = {0, HEARTBEAT_PERIOD};
     times.nackResponseDelay = {0, 0};
 #endif
 }
-void promptly(DataReaderQos &quality) {
-    auto &times = quality.reliable_reader_qos().times;
+void resend_at_once(DataReaderQos &qos) {
+    auto &times = qos.reliable_reader_qos().times;
 #if FAST_DDS_3
     times.heartbeat_response_delay = {0, 0};
 #else
@@ -65,31 +65,31 @@ void promptly(DataReaderQos &quality) {
 using Transport = eprosima::fastdds::rtps::UDPv4TransportDescriptor;
 using rtps::GUID_t;
 
-// A buffer: `size` bytes to send, or `room` bytes to receive into.
+// A buffer of `capacity` bytes that contains `size` bytes of a message.
 struct Bytes {
-    unsigned char *at;
-    std::uint32_t room, size;
+    unsigned char *data;
+    std::uint32_t capacity, size;
 };
 
 // The data type of all messages: opaque bytes, which Python encodes and decodes.
-struct Raw : TopicDataType {
+struct OpaqueType : TopicDataType {
     bool pack(const Bytes &bytes, rtps::SerializedPayload_t &payload) {
         if (bytes.size > payload.max_size) return false;
-        std::memcpy(payload.data, bytes.at, bytes.size);
+        std::memcpy(payload.data, bytes.data, bytes.size);
         payload.length = bytes.size;
         payload.encapsulation = CDR_LE;
         return true;
     }
     bool unpack(const rtps::SerializedPayload_t &payload, Bytes &bytes) {
-        if (payload.length > bytes.room) return false;
-        std::memcpy(bytes.at, payload.data, payload.length);
+        if (payload.length > bytes.capacity) return false;
+        std::memcpy(bytes.data, payload.data, payload.length);
         bytes.size = payload.length;
         return true;
     }
 #if FAST_DDS_3
-    Raw(const std::string &name, std::uint32_t largest) {
+    OpaqueType(const std::string &name, std::uint32_t max_size) {
         set_name(name);
-        max_serialized_type_size = largest;
+        max_serialized_type_size = max_size;
     }
     bool serialize(const void *const data, rtps::SerializedPayload_t &payload, DataRepresentationId_t) override {
         return pack(*static_cast<const Bytes *>(data), payload);
@@ -105,9 +105,9 @@ struct Raw : TopicDataType {
     bool compute_key(rtps::SerializedPayload_t &, rtps::InstanceHandle_t &, bool) override { return false; }
     bool compute_key(const void *const, rtps::InstanceHandle_t &, bool) override { return false; }
 #else
-    Raw(const std::string &name, std::uint32_t largest) {
+    OpaqueType(const std::string &name, std::uint32_t max_size) {
         setName(name.c_str());
-        m_typeSize = largest;
+        m_typeSize = max_size;
         auto_fill_type_object(false);
         auto_fill_type_information(false);
     }

@@ -187,14 +187,12 @@ class PlcActionClient(WorkerSide):
             return
         self._follow(plc, goal, news, cancel)
 
-    def _follow(
-        self, plc: ActionServer[Any], goal: ServedGoal[Any], news: _News, cancel: Callable[[], threading.Thread]
-    ) -> None:
+    def _follow(self, plc: ActionServer[Any], goal: ServedGoal[Any], news: _News, cancel: Callable[[], object]) -> None:
         """Forward feedback and the result to the PLC until the goal ends or the bridge stops.
 
         If the PLC sends a newer goal or disappears, cancel `goal`, and wait for its result up to the action's timeout.
         """
-        canceling: threading.Thread | None = None
+        canceling = threading.Thread(target=cancel, daemon=True)
         until, last_heartbeat = inf, -inf
         reopen_count = plc.reopen_count
         while time.monotonic() < until and not self.stopping.is_set():
@@ -209,15 +207,17 @@ class PlcActionClient(WorkerSide):
                 is_replaced = self.end.current is not plc or plc.reopen_count != reopen_count
                 if is_replaced or not goal.is_awaited or not plc.client_lives():
                     is_unwanted, until = True, min(until, now + self.route.entry.timeout)
-                if is_unwanted:
-                    canceling = canceling or cancel()
+                if is_unwanted and canceling.ident is None:
+                    canceling.start()
                 if not news.is_any and now >= last_heartbeat + _HEARTBEAT_INTERVAL:
                     goal.accept()
                     last_heartbeat = now
             except (ShmError, OSError) as error:
                 self.end.report(error)
             news.arrived.wait(_GOAL_POLL_INTERVAL)
-        (canceling or cancel()).join(_CANCEL_TIMEOUT)
+        if canceling.ident is None:
+            canceling.start()
+        canceling.join(_CANCEL_TIMEOUT)
         self.counters.failed += 1
         with suppress(ShmError):
             goal.abort()

@@ -162,21 +162,14 @@ class ErrorSink(Protocol):
         """Count `count` messages that a publisher sent and that ROS never delivered to the bridge."""
 
 
-class MessageSink(ErrorSink, Protocol):
-    """The interface by which a backend passes on the messages of a topic, from one thread at a time."""
-
-    def take(self, message: Any) -> None:
-        """Receive one message of the topic from the backend."""
-
-
 @dataclass(frozen=True, slots=True)
 class RosPublisher:
     """The functions by which the bridge publishes on a ROS topic.
 
     * `new()` creates an empty message. Its lists accept any objects with the attributes of the element's type.
     * `send(message)` publishes a message from `new`, without waiting for subscribers. The message can then be reused.
-    * `send_payload(bytes)` publishes the bytes of a sample. If the function raises ValueRejected, decode the sample and
-      use `send`. None if the backend or the topic has no direct conversion.
+    * `send_sample(sample)` publishes a sample by its direct conversion. If there is none, or if a field is invalid, the
+      function returns False. Then decode the sample and use `send`.
     * `acknowledged(seconds)` waits until all reliable subscribers have all messages, and returns False after a timeout.
       None if this ROS has no acknowledgements.
     * `qos_problem()` returns the reason why a subscriber has incompatible QoS, or `""` if all subscribers match.
@@ -184,14 +177,14 @@ class RosPublisher:
 
     new: Callable[[], Any]
     send: Callable[[Any], None]
-    send_payload: Callable[[bytes], None] | None = None
+    send_sample: Callable[[Any], bool] = lambda sample: False
     acknowledged: Callable[[float], bool] | None = None
     qos_problem: Callable[[], str] = lambda: ""
 
 
 @dataclass(frozen=True, slots=True)
 class RosSubscription:
-    """The functions of a subscription to a ROS topic, whose messages a MessageSink receives.
+    """The functions of a subscription to a ROS topic.
 
     * `new()` creates an empty message.
     * `is_connected()` returns True if a publisher is connected.
@@ -221,10 +214,6 @@ class RosClient:
 
 Answer = Callable[[Any, Any], None]
 """A callback that reads a request and fills a response. It raises NoAnswer if the PLC did not answer."""
-
-
-Refuse = Callable[[str], None]
-"""A callback that receives the reason why an incompatible client got no response."""
 
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
@@ -269,11 +258,11 @@ class GoalObserver(Protocol):
 class RosActionClient(Protocol):
     """A client of a ROS action: sends goals that the ROS server executes."""
 
-    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], object] | None:
         """Let `fill` fill an empty goal, and send the goal. Return None if the server rejects the goal.
 
-        If the server accepts the goal, return a function that cancels the goal: it sends the cancel request in a new
-        thread, and returns this thread. `follower` receives the feedback and the result. Raises NoAnswer, and cancels
+        If the server accepts the goal, return a function that cancels the goal, and may block its thread for 2 s.
+        `follower` receives the feedback and the result. Raises NoAnswer, and cancels
         the goal, if the server does not answer within `timeout` seconds.
         """
 
@@ -318,14 +307,14 @@ class Backend(ABC):
         """Create a publisher of the topic."""
 
     @abstractmethod
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
-        """Subscribe to the topic, and pass each message to `sink`, in order."""
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
+        """Subscribe to the topic. `take` receives the messages in order, from one thread at a time."""
 
     @abstractmethod
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         """Offer the service to ROS. `answer` fills the response to each request, and may block its thread.
 
-        `refuse` receives the reason if an incompatible client gets no response.
+        `errors.refuse` receives the reason if an incompatible client gets no response.
         """
 
     @abstractmethod

@@ -60,7 +60,7 @@ def _level_and_text(side: Side, faults: int, rate: float) -> tuple[int, str]:
     counters = side.counters
     if side.end.current is None:
         return ERROR, _first_line(side.end.unavailable_reason)
-    if silence := side.end.silence():
+    if silence := side.silence():
         return STALE, silence
     if peer_problem := counters.incompatible_peer or counters.qos_problem:
         return WARN, peer_problem

@@ -37,8 +37,6 @@ class RegionEndpoint(Generic[T]):
         self.current: T | None = None
         self.unavailable_reason = "the region is not open yet"
         self.attempted = threading.Event()
-        self.silence: Callable[[], str] = lambda: ""
-        """Returns the reason why the peer seems to be dead, or `""` if the peer is alive."""
         self._counted_missed = 0
         self._create, self._counters = create, counters
         self._lock = threading.Lock()
@@ -137,6 +135,10 @@ class Side(ABC):
 
     def beat(self) -> None:  # noqa: B027 most sides have none to send
         """Send a heartbeat to the PLC, without blocking. Called ten times a second. By default, send nothing."""
+
+    def silence(self) -> str:
+        """Return the reason why the sender of a topic seems to be dead, or `""` if the sender is alive."""
+        return ""
 
     def stop(self) -> bool:
         """Stop sending, while ROS is connected and `stopping` is set. Return False if a ROS call is still running."""

@@ -82,9 +82,13 @@ class CallRoute:
         return About(self.entry.name, direction, self.entry.type.short, region)
 
 
-def everything(session: Session) -> list[Route | CallRoute]:
-    """Return the routes of all topics, services and actions in shmgen.toml. Raises Rejected if an entry has errors."""
-    return [*routes(session), *services(session), *actions(session)]
+def everything(session: Session, resolve: Callable[[str], str]) -> list[Route | CallRoute]:
+    """Return the routes of all topics, services and actions in shmgen.toml. Raises Rejected if an entry has errors.
+
+    `resolve` maps a name in shmgen.toml to the name in the ROS graph. The region keeps the name from shmgen.toml.
+    """
+    planned: list[Any] = [*routes(session), *services(session), *actions(session)]
+    return [replace(route, wire=replace(route.wire, name=resolve(route.wire.name))) for route in planned]
 
 
 def routes(session: Session) -> list[Route]:
@@ -144,19 +148,9 @@ def _resolve(
     return entries, session.schema(types), layouts, session.classes(types, **options) if entries else {}
 
 
-def renamed(route: Route | CallRoute, resolve: Callable[[str], str]) -> Any:
-    """Return `route` with its ROS name replaced by `resolve(name)`. The region keeps the name from shmgen.toml."""
-    return replace(route, wire=replace(route.wire, name=resolve(route.wire.name)))
-
-
-def clock(session: Session) -> Wire:
-    """Return the ROS side of the topic /clock. Raises Rejected if no definition of rosgraph_msgs/Clock is found."""
-    return Wire("/clock", session.schema(["rosgraph_msgs/Clock"]).messages, qos="best_effort")
-
-
-def diagnostics(session: Session) -> Wire:
-    """Return the ROS side of the topic /diagnostics. Raises Rejected if DiagnosticArray has no definition."""
-    return Wire("/diagnostics", session.schema(["diagnostic_msgs/DiagnosticArray"]).messages)
+def own_topic(session: Session, name: str, type_: str, **options: Any) -> Wire:
+    """Return the ROS side of a topic of the bridge itself. Raises Rejected if no definition of `type_` is found."""
+    return Wire(name, session.schema([type_]).messages, **options)
 
 
 def closure(schema: Schema, name: TypeName) -> tuple[Definition, ...]:

@@ -11,14 +11,15 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from itertools import count
+from typing import Any
 
 from shmgen.bridge import plan
 from shmgen.bridge.backend import Backend, Node, RosPublisher, largest
 from shmgen.bridge.common import choice, watchdog
-from shmgen.bridge.common.arguments import Arguments, SimulatedClock, parse, with_parameters
+from shmgen.bridge.common.arguments import Arguments, parse, with_parameters
+from shmgen.bridge.common.counters import Counters
 from shmgen.bridge.diagnostics import Reporter
 from shmgen.bridge.endpoint import Side
 from shmgen.bridge.sides import BEAT, Sides
@@ -26,6 +27,7 @@ from shmgen.config import Config
 from shmgen.core.diagnostics import Rejected
 from shmgen.core.flag import Flag
 from shmgen.live.session import Session
+from shmgen.runtime import Time
 
 _STATUS_SIZE = 2048
 """The maximum size in bytes of the diagnostics of one topic, service or action."""
@@ -105,9 +107,7 @@ def run(config: Config, arguments: tuple[str, ...], show: Log, log: Log, load: C
             sinks.append(backend.publish_log)
             try:
                 if ros_arguments.use_sim_time and not has_ros:
-                    wire, clock = plan.clock(session), SimulatedClock("/clock", log)
-                    backend.now = lambda: clock.time  # type: ignore[method-assign]
-                    backend.subscribe(replace(wire, name=sides.resolve(wire.name)), clock)
+                    _use_simulated_time(backend, session, sides.resolve("/clock"), log)
                 sides.start(backend)
                 report = _reports(session, backend, sides, backend.name or name, log)
                 show("running")
@@ -140,6 +140,19 @@ def _arguments(config: Config, backend: str, has_ros: bool, words: tuple[str, ..
     for word in () if has_ros else parsed.ignored:
         log(f"{backend}: {word} has no effect without ROS")
     return parsed
+
+
+def _use_simulated_time(backend: Backend, session: Session, topic: str, log: Log) -> None:
+    """Let backend.now() return the newest time that ROS has published on `topic`, or zero before the first message."""
+    newest = Time()
+
+    def take(message: Any) -> None:
+        nonlocal newest
+        newest = Time(message.clock.sec, message.clock.nanosec)
+
+    backend.now = lambda: newest  # type: ignore[method-assign]
+    wire = plan.own_topic(session, topic, "rosgraph_msgs/Clock", qos="best_effort")
+    backend.subscribe(wire, take, Counters("/clock", log))
 
 
 def _end_within_limit(step: Callable[[], None]) -> None:
@@ -178,8 +191,8 @@ def _reports(session: Session, backend: Backend, sides: Sides, name: str, log: L
     if not period:
         return lambda: None
     try:
-        wire = plan.diagnostics(session)
-        outlet: RosPublisher = backend.publisher(replace(wire, name=sides.resolve(wire.name)))
+        wire = plan.own_topic(session, sides.resolve("/diagnostics"), "diagnostic_msgs/DiagnosticArray")
+        outlet: RosPublisher = backend.publisher(wire)
     except (Rejected, ValueError) as error:
         log(f"no diagnostics are published: {str(error).partition(chr(10))[0]}")
         return lambda: None

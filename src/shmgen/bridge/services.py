@@ -21,7 +21,7 @@ class PlcServiceServer(Side):
         self.end: RegionEndpoint[ServiceClient[Any, Any]] = RegionEndpoint(lambda: kind(route.entry.name), counters)
 
     def start(self, backend: Backend) -> None:
-        backend.serve(self.route.wire, self._answer, self.counters.refuse)
+        backend.serve(self.route.wire, self._answer, self.counters)
 
     def stop(self) -> bool:
         """End all calls, without an answer, and return True."""

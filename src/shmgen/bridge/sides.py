@@ -64,7 +64,7 @@ class Sides:
 
         The bridge repeats failed attempts in the background. Raises Rejected if shmgen.toml has errors.
         """
-        self._create(self._routes(session))
+        self._create(plan.everything(session, self.resolve))
 
     def start(self, backend: Backend) -> None:
         """Connect all topics, services and actions to ROS.
@@ -79,7 +79,7 @@ class Sides:
         All counters stay. If ROS rejects a new topic, service or action, restore the previous configuration and raise
         the error. Raises Rejected if the new configuration has errors.
         """
-        routes = {route.key: route for route in self._routes(session)}
+        routes = {route.key: route for route in plan.everything(session, self.resolve)}
         before = dict(self._carried)
         ended = {_name(one.route): one for key, one in before.items() if key not in routes}
         added = [route for key, route in routes.items() if key not in before]
@@ -120,9 +120,6 @@ class Sides:
         self.stop()
         for side in self:
             side.end.close()
-
-    def _routes(self, session: Session) -> list[Route | CallRoute]:
-        return [plan.renamed(route, self.resolve) for route in plan.everything(session)]
 
     def _create(
         self, routes: Iterable[Route | CallRoute], ends: Mapping[Any, Any] = MappingProxyType({})

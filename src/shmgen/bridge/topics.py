@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from shmgen.bridge import plan
-from shmgen.bridge.backend import Backend, RosPublisher
+from shmgen.bridge.backend import Backend
 from shmgen.bridge.codec.cut import cut
 from shmgen.bridge.common.counters import Counters, describe
-from shmgen.bridge.common.send_window import SendWindow
 from shmgen.bridge.endpoint import POLL_INTERVAL, RegionEndpoint, Side
 from shmgen.bridge.listener import Listener
 from shmgen.bridge.plan import Route
@@ -19,9 +19,12 @@ from shmgen.live.classes import publisher, subscriber
 from shmgen.runtime import CountExceeded, Message, Publisher, ShmError, StringTooLong, Subscriber, ValueRejected
 from shmgen.runtime.messages.times import set_clock
 
+_ACKNOWLEDGED_TIMEOUT = 4.0
+"""Seconds to wait for a slow subscriber of large messages. Fast DDS resends a lost message within 3 s."""
+
 
 class ToPlc(Side):
-    """Carries a topic from ROS to the PLC. Implements MessageSink, which receives the backend's messages and errors."""
+    """Carries a topic from ROS to the PLC."""
 
     def __init__(
         self,
@@ -31,20 +34,16 @@ class ToPlc(Side):
     ) -> None:
         """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
         super().__init__(route, counters)
-        self.reject, self.refuse = counters.reject, counters.refuse
-        self.set_incompatible_peer, self.lose = counters.set_incompatible_peer, counters.lose
         self._waiting: Any = None
-        self._lock = threading.Lock()
-        """Held while `_waiting`, the message that waits for the rate limiter, is replaced."""
-        self._has_message = threading.Event()
+        """The message that waits for the rate limiter, or None."""
+        self._waiting_changed = threading.Condition()
         topic = route.topic
         self.end = end or RegionEndpoint(lambda: publisher(route.kind, topic.topic, topic.depth), counters)
-        self.end.silence = self._silence
 
     def start(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
             threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
-        subscription = backend.subscribe(self.route.wire, self)
+        subscription = backend.subscribe(self.route.wire, self.take, self.counters)
         self.qos_problem = subscription.qos_problem
         plan.check(self.route, subscription.new())
 
@@ -53,25 +52,25 @@ class ToPlc(Side):
         self.counters.mark_received()
         if self.route.topic.carried.rate is None:
             self._publish(message)
-            return
-        self._exchange(message)
-        self._has_message.set()
+        else:
+            self._exchange(message)
 
     def _exchange(self, message: Any) -> None:
         """Store `message` for the rate limiter. If another message is still stored, drop and count that message."""
-        with self._lock:
+        with self._waiting_changed:
             self.counters.rate_limited += self._waiting is not None
             self._waiting = message
+            self._waiting_changed.notify()
 
     def beat(self) -> None:
         """Send a heartbeat to the PLC, except if ROS has sent nothing for the time `stale` of shmgen.toml."""
-        if (region := self.end.current) is not None and not self._silence():
+        if (region := self.end.current) is not None and not self.silence():
             try:
                 region.heartbeat()
             except ShmError as error:
                 self.end.report(error)
 
-    def _silence(self) -> str:
+    def silence(self) -> str:
         limit = self.route.topic.carried.stale
         age = self.counters.age
         if limit is None or (age is not None and age <= limit):
@@ -87,14 +86,12 @@ class ToPlc(Side):
         """Publish the newest message, at most once in `period` seconds. The last message of a burst is not lost."""
         due = 0.0
         while not self.stopping.wait(max(0.0, due - time.monotonic())):
-            if not self._has_message.wait(POLL_INTERVAL):
-                continue
-            with self._lock:
-                self._has_message.clear()
+            with self._waiting_changed:
+                if not self._waiting_changed.wait_for(lambda: self._waiting is not None, POLL_INTERVAL):
+                    continue
                 message, self._waiting = self._waiting, None
             due = time.monotonic() + period
-            if message is not None:
-                self._publish(message)
+            self._publish(message)
 
     def _publish(self, message: Any) -> None:
         if (region := self.end.current) is None:
@@ -141,13 +138,11 @@ class FromPlc(Side):
         """Open the region of the topic, or take over `end`, an open endpoint of the same region."""
         super().__init__(route, counters)
         self._sending = threading.Lock()
-        self._window: SendWindow | None = None
-        self._outlet: RosPublisher | None = None
+        self._window: _SendWindow | None = None
         self._stale = False
         self._due = 0.0
         self._is_first = True
         self.end = end or RegionEndpoint(self._open_subscriber, counters)
-        self.end.silence = self._silence
         waits = route.topic.carried.rate or route.wire.is_large
         self._listener = listener if listener and not waits else Listener(self.stopping)
 
@@ -156,7 +151,7 @@ class FromPlc(Side):
         outlet, self._now = backend.publisher(wire), backend.now
         waits = wire.is_large and wire.qos != "best_effort" and not wire.latch
         if waits and outlet.acknowledged:
-            self._window = SendWindow(outlet.acknowledged, wire.queue, self.stopping.is_set)
+            self._window = _SendWindow(outlet.acknowledged, wire.queue, self.stopping.is_set)
         self._outlet, self._message, self.qos_problem = outlet, outlet.new(), outlet.qos_problem
         plan.check(self.route, self._message)
         self._listener.add(self)
@@ -170,7 +165,7 @@ class FromPlc(Side):
             with suppress(ShmError, ValueError):  # the listener closed the subscriber
                 self._stale = reader.is_stale(limit)
 
-    def _silence(self) -> str:
+    def silence(self) -> str:
         limit = self.route.topic.carried.stale
         return f"the PLC's heartbeat has not changed for {limit:g} s or more" if self._stale else ""
 
@@ -201,16 +196,14 @@ class FromPlc(Side):
         return bool(samples)
 
     def _send(self, sample: Message) -> None:
-        outlet = self._outlet
-        assert outlet
         self.counters.mark_received()
         try:
             lost = self._window.wait() if self._window else 0
-            if not _send_payload(outlet, sample):
+            if not self._outlet.send_sample(sample):
                 self.route.kind._decode(bytes(sample), self._message)
                 if self.route.topic.carried.stamp == "now":
                     self._stamp(self._message)
-                outlet.send(self._message)
+                self._outlet.send(self._message)
             self.counters.passed += 1 - lost
             if lost:
                 self.counters.lose(lost)
@@ -248,12 +241,35 @@ class FromPlc(Side):
         return reader
 
 
-def _send_payload(outlet: RosPublisher, sample: Message) -> bool:
-    """Send the bytes of the sample. Return False if the topic has no direct conversion or a field is invalid."""
-    if outlet.send_payload is None:
-        return False
-    try:
-        outlet.send_payload(bytes(sample))
-    except ValueRejected:
-        return False
-    return True
+class _SendWindow:
+    """Delays large messages until slow subscribers have received enough of the earlier messages.
+
+    The queue of a topic holds few large messages. If the queue is full, DDS overwrites the oldest message, even if a
+    subscriber still waits for that message.
+
+    Call `wait` before each send. While the queue may be full, `wait` blocks, and unsent samples stay in their region.
+    After a timeout, `wait` returns 1 for each message that may be lost, until all messages are acknowledged.
+    `acknowledged(seconds)` is the function of RosPublisher, and `queue` the length of the queue in messages.
+    """
+
+    def __init__(self, acknowledged: Callable[[float], bool], queue: int, is_over: Callable[[], bool]) -> None:
+        self._acknowledged = acknowledged
+        self._queue = queue
+        self._is_over = is_over
+        self._outstanding = 0
+        self._is_late = False
+
+    def wait(self) -> int:
+        """Wait for a free place in the queue. Return 1 if the next send may overwrite an unreceived message, else 0."""
+        if self._outstanding >= self._queue // 2:
+            self._poll(0.0)  # cheap, and usually makes the wait below unnecessary
+        deadline = time.monotonic() + (0 if self._is_late else _ACKNOWLEDGED_TIMEOUT)
+        while self._outstanding >= self._queue and time.monotonic() < deadline and not self._is_over():
+            self._poll(POLL_INTERVAL)
+        self._is_late = self._outstanding >= self._queue
+        self._outstanding += 1
+        return int(self._is_late)
+
+    def _poll(self, seconds: float) -> None:
+        if self._acknowledged(seconds):
+            self._outstanding = 0

@@ -32,7 +32,6 @@ from shmgen.runtime.errors import (
     ValueRejected,
 )
 from shmgen.runtime.messages.message import Message
-from shmgen.runtime.messages.sample import Sample
 from shmgen.runtime.messages.times import Duration, Time
 from shmgen.runtime.publisher import Publisher
 from shmgen.runtime.region.access import RegionOptions
@@ -40,7 +39,7 @@ from shmgen.runtime.region.checks import read_header
 from shmgen.runtime.region.header import Header
 from shmgen.runtime.region.names import region_name
 from shmgen.runtime.server import Call, ServiceServer
-from shmgen.runtime.subscriber import Subscriber
+from shmgen.runtime.subscriber import Sample, Subscriber
 from shmgen.runtime.wait_any import Notifier, can_wait_for_many, open_all, ready_any
 
 __all__ = [

@@ -36,10 +36,10 @@ class ActionClient(CallEnd, Generic[Goal, Feedback, Outcome]):
     _calls: CallClient[Any, Outcome]
 
     def _open(self, write: OpenRegion, read: OpenRegion) -> None:
-        requests = write(self.command_publisher, "goal")
+        self._commands = write(self.command_publisher, "goal")
         responses = read(self.outcome_subscriber, "result")
         self._progress = read(self.progress_subscriber, "feedback")
-        self._calls = CallClient(requests, responses, "goal")
+        self._calls = CallClient(self._commands, responses, "goal")
         self._command: Any = self.command_publisher.message_type
         self._goal = 0
         self._status = 0
@@ -104,7 +104,7 @@ class ActionClient(CallEnd, Generic[Goal, Feedback, Outcome]):
 
         After a timeout the goal continues.
         """
-        return await self._calls.wait_async(self.poll, timeout)
+        return await self._calls.incoming._poll_until_found(self.poll, timeout)
 
     def cancel(self) -> None:
         """Request that the server cancel the goal. result() then returns the outcome.
@@ -112,7 +112,7 @@ class ActionClient(CallEnd, Generic[Goal, Feedback, Outcome]):
         Do nothing if no goal is running.
         """
         if self._calls.number:
-            self._calls.send_one_way(self._command(cancel=self._calls.number))
+            self._commands.publish(self._command(cancel=self._calls.number))
 
     def cancel_former(self) -> None:
         """Request that the server cancel the goal of a previous client.
@@ -121,7 +121,7 @@ class ActionClient(CallEnd, Generic[Goal, Feedback, Outcome]):
         """
         progress = self._progress.read()
         if progress is not None and not self._calls.number:
-            self._calls.send_one_way(self._command(cancel=progress.goal))
+            self._commands.publish(self._command(cancel=progress.goal))
 
     def server_is_ready(self) -> bool:
         """Return True if a server is available now. The call takes up to 1 s if the last known server was a PLC."""

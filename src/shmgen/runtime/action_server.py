@@ -9,7 +9,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
-from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_stale, until
+from shmgen.runtime.calls import HEARTBEAT_INTERVAL, CallServer, deadline_of, log_exception, until
 from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
@@ -45,7 +45,8 @@ class ServedGoal(Generic[Goal]):
 
         Read this property often: each read sends the server's heartbeat.
         """
-        return self._server._unwanted(self.number)
+        self._server._look()
+        return self._server._is_unwanted or not self.is_awaited
 
     @property
     def is_awaited(self) -> bool:
@@ -57,14 +58,17 @@ class ServedGoal(Generic[Goal]):
 
         Return False, without sending, if the goal has already ended or a newer goal has arrived.
         """
-        return self._server._accept(self.number)
+        progress = self._server.progress_publisher.message_type
+        return self._server._publish(self.number, progress(goal=self.number, status=progress.ACCEPTED))
 
     def publish_feedback(self, feedback: Any) -> bool:
         """Publish `feedback`: a feedback message of the action, or any object with the same attributes.
 
         Return False, without sending, if the goal has already ended or a newer goal has arrived.
         """
-        return self._server._publish_feedback(self.number, feedback)
+        progress = self._server.progress_publisher.message_type
+        status = progress.CANCELING if self._server._is_unwanted else progress.EXECUTING
+        return self._server._publish(self.number, SimpleNamespace(goal=self.number, status=status, feedback=feedback))
 
     def succeed(self, result: Any) -> bool:
         """End the goal as SUCCEEDED. Return False if the goal has already ended or a newer goal has arrived."""
@@ -111,13 +115,10 @@ class ActionServer(CallEnd, Generic[Goal]):
 
     def _open(self, write: OpenRegion, read: OpenRegion) -> None:
         requests = read(self.command_subscriber, "goal")
-        skip_stale(requests)
+        requests.engine_end.skip()
         self._progress = write(self.progress_publisher, "feedback")
         responses = write(self.outcome_publisher, "result")
-        if any(claimed.engine_end.predecessor_may_be_alive for claimed in (self._progress, responses)):
-            skip_stale(requests)
-        self._calls = CallServer(requests, responses)
-        self._kinds: Any = self.progress_publisher.message_type, self.outcome_publisher.message_type
+        self._calls = CallServer(requests, responses, self._progress)
         self._waiting: ServedGoal[Goal] | None = None
         self._is_unwanted = False
 
@@ -164,7 +165,7 @@ class ActionServer(CallEnd, Generic[Goal]):
 
     async def wait_async(self, timeout: float) -> ServedGoal[Goal] | None:
         """Return the newest goal as soon as a new goal arrives, or None after `timeout` seconds. For coroutines."""
-        return await self._calls.wait_async(self.take, timeout)
+        return await self._calls.incoming._poll_until_found(self.take, timeout, HEARTBEAT_INTERVAL)
 
     def client_lives(self) -> bool:
         """Return True if a client is running. Call this method often.
@@ -201,19 +202,6 @@ class ActionServer(CallEnd, Generic[Goal]):
                 partial(self._end, command.cancel, "CANCELED", None), deadline_of(UNTIL_RECOVERED)
             )
 
-    def _unwanted(self, number: int) -> bool:
-        self._look()
-        return self._is_unwanted or not self._calls.awaits(number)
-
-    def _accept(self, number: int) -> bool:
-        progress, _ = self._kinds
-        return self._publish(number, progress(goal=number, status=progress.ACCEPTED))
-
-    def _publish_feedback(self, number: int, feedback: Any) -> bool:
-        progress, _ = self._kinds
-        status = progress.CANCELING if self._is_unwanted else progress.EXECUTING
-        return self._publish(number, SimpleNamespace(goal=number, status=status, feedback=feedback))
-
     def _publish(self, number: int, progress: Any) -> bool:
         if not self._calls.awaits(number):
             return False
@@ -221,7 +209,7 @@ class ActionServer(CallEnd, Generic[Goal]):
         return True
 
     def _end(self, number: int, status: str, result: Any) -> bool:
-        _, outcome = self._kinds
+        outcome: Any = self.outcome_publisher.message_type
         value = getattr(outcome, status)
         if result is None:
             return self._calls.send_response(number, outcome(goal=number, status=value))

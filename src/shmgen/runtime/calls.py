@@ -29,7 +29,7 @@ _LOOK = 2e-3
 _FRESH = abi.CLAIM_MS / 1000
 """Seconds for which a heartbeat counts as recent. A running PLC increments its heartbeat within this time."""
 _LONGEST_WAIT = 1.0
-_HEARTBEAT = abi.HEARTBEAT_MS / 1000
+HEARTBEAT_INTERVAL = abi.HEARTBEAT_MS / 1000
 """Seconds between two heartbeats of a waiting server."""
 
 
@@ -62,10 +62,6 @@ class CallClient(Generic[Q, A]):
         self.number = self._requests.sequence
         return self.number
 
-    def send_one_way(self, message: Any) -> None:
-        """Send a message that requests no response. Raises the errors of Publisher.publish()."""
-        self._requests.publish(message)
-
     def poll(self) -> A | None:
         """Return the response to the pending request, or None if the response has not arrived. Do not wait.
 
@@ -87,12 +83,6 @@ class CallClient(Generic[Q, A]):
             if not left:
                 break
         return None
-
-    async def wait_async(self, poll: Callable[[], T | None], timeout: float) -> T | None:
-        """Call `poll` after each response. Return its first result except None, or None after `timeout` seconds."""
-        from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
-
-        return await poll_until_found(poll, self._responses, timeout)
 
     def server_is_ready(self) -> bool:
         """Return True if a server is available now. The call takes up to 1 s if the last known server was a PLC."""
@@ -137,10 +127,11 @@ class CallServer(Generic[Q, A]):
     `number` is the number of the request last passed to begin(), or 0. Only this request can get a response.
     """
 
-    def __init__(self, requests: Subscriber[Q], responses: Publisher[A]) -> None:
+    def __init__(self, requests: Subscriber[Q], responses: Publisher[A], *others: Publisher[Any]) -> None:
         """Serve the requests in the region of `requests`, and publish the responses by `responses`.
 
-        The caller must first mark all old requests as read: see skip_stale().
+        A previous server may already have handled the requests that exist. Therefore the caller must mark all requests
+        as read before it opens `responses` and `others`, its other publishers, and so becomes visible to clients.
         """
         self.number = 0
         self._requests, self._reader = requests, requests.engine_end
@@ -148,6 +139,8 @@ class CallServer(Generic[Q, A]):
         self.incoming = requests
         self._begun_at = 0, 0
         self._answered = 0
+        if any(publisher.engine_end.predecessor_may_be_alive for publisher in (responses, *others)):
+            self._reader.skip()
 
     def take(self, timeout: float) -> tuple[int, Q] | None:
         """Wait at most `timeout` seconds for a request. Return its sample number and its message, or None.
@@ -159,18 +152,12 @@ class CallServer(Generic[Q, A]):
         while True:
             self._responses.heartbeat()
             left = max(0.0, deadline - time.monotonic())
-            request = self._requests.wait(min(left, _HEARTBEAT)) if left else self._requests.read()
+            request = self._requests.wait(min(left, HEARTBEAT_INTERVAL)) if left else self._requests.read()
             if request is not None:
                 self._writer.check_claim()  # raises ClaimLost if another server has taken over
                 return self._requests.sequence, request
             if not left:
                 return None
-
-    async def wait_async(self, poll: Callable[[], T | None], timeout: float) -> T | None:
-        """Call `poll` after each request. Return its first result except None, or None after `timeout` seconds."""
-        from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
-
-        return await poll_until_found(poll, self._requests, timeout, _HEARTBEAT)
 
     def begin(self, number: int) -> None:
         """Make `number` the only request that can get a response."""
@@ -271,12 +258,3 @@ def log_exception(text: str) -> None:
     import logging  # takes longer to load than the rest of the runtime
 
     logging.getLogger("shmgen").exception(text)
-
-
-def skip_stale(requests: Subscriber[Q]) -> None:
-    """Mark all existing requests as read, because a previous server may already have handled them.
-
-    Call this function before the server claims its topics and so becomes visible to clients. A request that a client
-    sends after the claim must not be skipped.
-    """
-    requests.engine_end.skip()

@@ -101,7 +101,7 @@ class ServiceClient(CallEnd, Generic[Request, Response]):
         For coroutines: `client.send(request)`, then `await client.wait_async(timeout)`.
         Raises CallFailed if the server reports a failure.
         """
-        return await self._calls.wait_async(self.poll, timeout)
+        return await self._calls.incoming._poll_until_found(self.poll, timeout)
 
     def cancel(self) -> None:
         """Abandon the request of the last send(). If the server still sends a response, the client discards it."""

@@ -28,9 +28,6 @@ else:
 
         if engine.ABI != abi.ABI:
             raise ImportError
-        from shmgen.runtime.refusals import log_recreated, refusal
-
-        engine.explain_by(refusal, log_recreated)
         IN_C = True
     except ImportError:
         from shmgen.runtime import reference as engine

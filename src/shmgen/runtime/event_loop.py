@@ -7,7 +7,6 @@ import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from math import inf
 from typing import Any, TypeVar
 
 from shmgen.core import abi
@@ -21,9 +20,7 @@ _LONGEST_WAIT = 1e6
 """Seconds of the longest timer, because asyncio's timers have a limit."""
 
 
-async def poll_until_found(
-    poll: Callable[[], T | None], subscriber: Any, timeout: float, interval: float = inf
-) -> T | None:
+async def poll_until_found(poll: Callable[[], T | None], subscriber: Any, timeout: float, interval: float) -> T | None:
     """Return the first result of `poll` that is not None, or None after `timeout` seconds.
 
     Call `poll` when the subscriber has a new sample, and every `interval` seconds.

@@ -9,7 +9,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from shmgen.runtime.calls import CallServer, deadline_of, log_exception, skip_stale, until
+from shmgen.runtime.calls import HEARTBEAT_INTERVAL, CallServer, deadline_of, log_exception, until
 from shmgen.runtime.errors import LockTimeout
 from shmgen.runtime.messages.message import Message
 from shmgen.runtime.publisher import Publisher
@@ -53,10 +53,8 @@ class ServiceServer(CallEnd, Generic[Request]):
 
     def _open(self, write: OpenRegion, read: OpenRegion) -> None:
         requests = read(self.request_subscriber, "request")
-        skip_stale(requests)
+        requests.engine_end.skip()
         responses = write(self.reply_publisher, "response")
-        if responses.engine_end.predecessor_may_be_alive:
-            skip_stale(requests)
         self._calls = CallServer(requests, responses)
         self._reply: Any = self.reply_publisher.message_type
 
@@ -106,7 +104,7 @@ class ServiceServer(CallEnd, Generic[Request]):
 
     async def wait_async(self, timeout: float) -> Call | None:
         """Return the newest request as soon as it arrives, or None after `timeout` seconds. For coroutines."""
-        return await self._calls.wait_async(self.take, timeout)
+        return await self._calls.incoming._poll_until_found(self.take, timeout, HEARTBEAT_INTERVAL)
 
     def reply(self, call: Call, response: Any) -> bool:
         """Send the response. Return False if the call already has a response, or if a newer call was taken.

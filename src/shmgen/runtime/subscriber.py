@@ -6,21 +6,56 @@ import mmap
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Generic
+from math import inf
+from typing import Any, Generic, TypeVar
 
 from shmgen.core import abi
 from shmgen.runtime import engine
 from shmgen.runtime.errors import Closed, Overwritten, RegionRetired
 from shmgen.runtime.messages.in_place import InPlace
-from shmgen.runtime.messages.sample import M, Sample
+from shmgen.runtime.messages.message import Message
 from shmgen.runtime.region.header import HEARTBEAT, steps
 from shmgen.runtime.region.resource import Endpoint, close_after_fork, finish
 from shmgen.runtime.region.settings import settings_for
+
+M = TypeVar("M", bound=Message)
+T = TypeVar("T")
 
 _POLL = abi.POLL_MS / 1000
 """Seconds until the next try if a sample exists but cannot be read, for example because the lock is not free."""
 _FOR_EVER = 3e9
 """Seconds: about a century, the longest timeout passed to the engine."""
+
+
+class Sample(tuple[int, int, M]):
+    """A tuple of number, stamp and message, which Subscriber.samples() yields.
+
+    ```python
+    with PoseSubscriber("/robot/pose", depth=8) as subscriber:
+        subscriber.ready(timeout=1.0)
+        for number, stamp, pose in subscriber.samples():
+            print(number, stamp, pose.position.x)
+    ```
+    """
+
+    __slots__ = ()
+
+    @property
+    def number(self) -> int:
+        """The number of this sample. The first sample of a topic has number 1.
+
+        After 2**32 - 1 the numbers restart at the number of slots.
+        """
+        return self[0]
+
+    @property
+    def stamp(self) -> int:
+        """The time of writing in ns since 1970, or 0 if the writer has no clock."""
+        return self[1]
+
+    @property
+    def message(self) -> M:
+        return self[2]
 
 
 class Subscriber(Endpoint, Generic[M]):
@@ -182,18 +217,20 @@ class Subscriber(Endpoint, Generic[M]):
 
         One thread for each event loop waits on behalf of all coroutines.
         """
-        from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
-
-        return await poll_until_found(self.read, self, _checked(timeout))
+        return await self._poll_until_found(self.read, _checked(timeout))
 
     async def ready_async(self, timeout: float) -> bool:
         """Return True as soon as there is an unread sample, or False after `timeout` seconds. For coroutines.
 
         Read nothing, so that read_all() can then return all unread samples.
         """
+        return await self._poll_until_found(lambda: self.ready(0.0) or None, _checked(timeout)) is not None
+
+    async def _poll_until_found(self, poll: Callable[[], T | None], timeout: float, interval: float = inf) -> T | None:
+        """Return the first result of `poll` that is not None, as poll_until_found() in event_loop.py does."""
         from shmgen.runtime.event_loop import poll_until_found  # asyncio takes longer to load than the runtime
 
-        return await poll_until_found(lambda: self.ready(0.0) or None, self, _checked(timeout)) is not None
+        return await poll_until_found(poll, self, timeout, interval)
 
     async def __aiter__(self) -> AsyncIterator[M]:
         """Yield the newest sample each time a new sample arrives, until the subscriber is closed. For `async for`."""

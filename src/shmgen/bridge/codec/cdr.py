@@ -59,7 +59,9 @@ def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
     known = {message.name: message for message in messages}
     fields = [field.type for message in messages for field in message.fields]
     wide = any(isinstance(type_ := element_of(field), String) and type_.wide for field in fields)
-    foreign = wide or any(_has_numbers_in_elements(field, known) for field in fields)
+    lists = (field.element for field in fields if isinstance(field, (Array, Sequence)))
+    # If foreign, the messages contain values that _converted() must convert for rosbags.
+    foreign = wide or any(isinstance(element, Ref) and _has_numbers(element, known) for element in lists)
 
     def encode(message: Any) -> bytes:
         if foreign:
@@ -122,14 +124,8 @@ def _definitions(messages: tuple[Message, ...], unit: str) -> dict[str, Any]:
     )
 
 
-def _has_numbers_in_elements(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
-    """Return True if the type is a list of messages that _converted() must convert for rosbags."""
-    if not isinstance(type_, (Array, Sequence)) or not isinstance(type_.element, Ref):
-        return False
-    return _has_numbers(type_.element, known)
-
-
 def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
+    """Return True if the type contains lists of numbers, or a message without fields."""
     match type_:
         case Ref(name):
             fields = known[name].fields  # empty: rosbags requires a filler field, which other libraries lack

@@ -38,7 +38,7 @@ class Transcoder:
         The format is CDR, or the serialization of ROS 1 if `is_ros1` is true.
         Raises ValueRejected if a value is invalid.
         """
-        data: bytes = self._to_wire(payload, is_ros1, False, self._stamp_at, now)
+        data: bytes = self._to_wire(payload, is_ros1, self._stamp_at, now)
         return data
 
     def decode(self, data: bytes, is_ros1: bool = False) -> Message | None:

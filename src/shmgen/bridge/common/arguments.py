@@ -8,10 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shmgen.bridge.common.counters import Counters
 from shmgen.config import Config
 from shmgen.config.keys import keys_of
-from shmgen.runtime import Time
 
 PARAMETERS = ("use_sim_time", "rate", "stale")
 _WITHOUT_EFFECT = ("--log-level", "--log-config-file", "--log-file-name", "-e", "--enclave")
@@ -187,13 +185,3 @@ def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
                 if getattr(topic.carried, key.name) is None:
                     topics[index] = replace(topic, carried=replace(topic.carried, **options))
     return replace(config, topics=tuple(topics))
-
-
-class SimulatedClock(Counters):
-    """The simulated time of ROS, received from the topic /clock. The time is zero until the first message arrives."""
-
-    time = Time(0, 0)
-
-    def take(self, message: Any) -> None:
-        """Store the time of a rosgraph_msgs/Clock message."""
-        self.time = Time(message.clock.sec, message.clock.nanosec)

@@ -10,10 +10,10 @@ from concurrent.futures import Future, TimeoutError
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from shmgen.bridge.backend import MessageSink, NoAnswer, Node, Wire
+from shmgen.bridge.backend import ErrorSink, NoAnswer, Node, Wire
 from shmgen.bridge.common.counters import Counters, describe
 from shmgen.config.keys import MAX_DOMAIN
-from shmgen.runtime import Time
+from shmgen.runtime import Message, Time, ValueRejected
 
 _POLL_INTERVAL = 0.01
 """Seconds between two checks for a server."""
@@ -38,38 +38,52 @@ def domain_without_ros(node: Node, backend: str) -> int:
 
 
 def from_bytes(
-    wire: Wire, decode: Callable[[bytes], Any], sink: MessageSink, is_ros1: bool = False
+    wire: Wire,
+    decode: Callable[[bytes], Any],
+    take: Callable[[Any], None],
+    errors: ErrorSink,
+    is_ros1: bool = False,
 ) -> Callable[[bytes], None]:
-    """Return a function that decodes a serialized ROS message and passes the message to `sink`.
+    """Return a function that decodes a serialized ROS message and passes the message to `take`.
 
-    If the bytes are invalid or too long, the function calls `sink.reject`. If `wire` has a direct conversion, the
+    If the bytes are invalid or too long, the function calls `errors.reject`. If `wire` has a direct conversion, the
     function first tries this conversion, and uses `decode` only if the conversion fails.
     """
 
-    def take(data: bytes) -> None:
+    def receive(data: bytes) -> None:
         if len(data) > wire.largest:
-            sink.reject(f"the message has {len(data):,} bytes; its region holds at most {wire.largest:,}")
+            errors.reject(f"the message has {len(data):,} bytes; its region holds at most {wire.largest:,}")
             return
         try:
             message = (wire.direct and wire.direct.decode(data, is_ros1)) or decode(data)
         except ValueError as error:
-            sink.reject(str(error))
+            errors.reject(str(error))
             return
-        sink.take(message)
+        take(message)
 
-    return take
+    return receive
 
 
-def payload_sender(
+def sample_sender(
     wire: Wire, now: Callable[[], Time], send: Callable[[bytes], None], is_ros1: bool = False
-) -> Callable[[bytes], None] | None:
-    """Return a function that converts the bytes of a sample to a serialized ROS message, and passes this to `send`.
+) -> Callable[[Message], bool]:
+    """Return a function that converts a sample to a serialized ROS message, and passes this to `send`.
 
-    Return None if the topic has no direct conversion. `now` returns the ROS time, for an unset time stamp.
+    The function returns False if the topic has no direct conversion or a field of the sample is invalid. `now` returns
+    the ROS time, for an unset time stamp.
     """
-    if (direct := wire.direct) is None:
-        return None
-    return lambda payload: send(direct.encode(payload, now, is_ros1))
+
+    def send_sample(sample: Message) -> bool:
+        if wire.direct is None:
+            return False
+        try:
+            data = wire.direct.encode(bytes(sample), now, is_ros1)
+        except ValueRejected:
+            return False
+        send(data)
+        return True
+
+    return send_sample
 
 
 def guarded(function: Callable[..., None], name: str, log: Callable[[str], None], *passes: type[Exception]) -> Any:

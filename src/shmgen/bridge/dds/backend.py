@@ -14,9 +14,8 @@ from cyclonedds.qos import Policy, Qos
 from shmgen.bridge.backend import (
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -27,7 +26,7 @@ from shmgen.bridge.codec.cdr import Codec, codec
 from shmgen.bridge.codec.type_identity import TAKES_OURS, Identity
 from shmgen.bridge.common import qos
 from shmgen.bridge.common.peers import Peers
-from shmgen.bridge.common.support import domain_without_ros, from_bytes, payload_sender
+from shmgen.bridge.common.support import domain_without_ros, from_bytes, sample_sender
 from shmgen.bridge.dds.dropped import Dropped
 from shmgen.bridge.dds.entities import Ends, Subscription, is_acknowledged, matches, quality, refusal, send, update_peer
 from shmgen.bridge.dds.network import confine, network, sockets
@@ -89,33 +88,33 @@ class Graph(Backend):
         self.undo.append(writer.__del__)
         for handle in matches(writer):  # peers that matched before the writer was returned
             matched(writer, handle)
-        send_payload = payload_sender(wire, self.now, partial(send, writer))
+        send_sample = sample_sender(wire, self.now, partial(send, writer))
         acknowledged = partial(is_acknowledged, writer)
 
         def qos_problem() -> str:
             return qos.problem(own, self._ends.peers_qos(name, publishes=False), publishes=True)
 
         return RosPublisher(
-            cdr.new, lambda message: send(writer, cdr.encode(message)), send_payload, acknowledged, qos_problem
+            cdr.new, lambda message: send(writer, cdr.encode(message)), send_sample, acknowledged, qos_problem
         )
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         """Subscribe to the topic. One thread serves all topics. Raises ValueError if the type contains a `wstring`."""
         cdr = codec(wire.messages)
         name = topic_name(wire.name)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._ends.log, wire.accepts_other)
-        deliver = from_bytes(wire, cdr.decode, sink)
+        deliver = from_bytes(wire, cdr.decode, take, errors)
 
         def fail(why: str) -> None:
-            sink.refuse(peer) if (peer := subscription.end[1].incompatible_peer) else sink.reject(why)
+            errors.refuse(peer) if (peer := subscription.end[1].incompatible_peer) else errors.reject(why)
 
         def create(policies: qos.Qos) -> tuple[tuple[Any, Peers], qos.Qos, Callable[[], None]]:
-            peers = Peers(identity, sink.set_incompatible_peer)
+            peers = Peers(identity, errors.set_incompatible_peer)
             matched = partial(update_peer, peers)
 
-            def take(sample: Any) -> None:
+            def receive(sample: Any) -> None:
                 if why := refusal(peers, reader, sample):
-                    sink.refuse(why)
+                    errors.refuse(why)
                 else:
                     deliver(sample.cdr)
 
@@ -126,17 +125,17 @@ class Graph(Backend):
             reader = self._ends.reader(name, structure(wire.messages), _quality(policies, wire, cdr), matched)
             for handle in matches(reader):  # peers that matched before the reader was returned
                 matched(reader, handle)
-            unheard = self._ends.topics.add(Subscription(reader, take, name, wire.queue, sink.lose))
+            unheard = self._ends.topics.add(Subscription(reader, receive, name, wire.queue, errors.lose))
             return (reader, peers), policies, undo
 
         subscription = qos.AdoptingSubscription(wire, create, lambda: self._ends.peers_qos(name, publishes=True))
-        self._dropped.calls[name] = sink.reject, fail
+        self._dropped.calls[name] = errors.reject, fail
         self.undo += [lambda: self._dropped.calls.pop(name, None), subscription.undo]
         return RosSubscription(cdr.new, lambda: bool(matches(subscription.end[0])), subscription.qos_problem)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         """Offer the service. Raises ValueError if the type contains a `wstring`."""
-        self.undo.append(Server(self._transport(), wire, self._ends.log, refuse, answer).close)
+        self.undo.append(Server(self._transport(), wire, self._ends.log, errors, answer).close)
 
     def client(self, wire: ServiceWire) -> RosClient:
         """Create a client of the service. Raises ValueError if the type contains a `wstring`."""

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
@@ -79,7 +80,6 @@ class Ends:
         self.participant = participant
         self.closing = False
         self.threads: list[ReaderThread] = []
-        self.topics = ReaderThread(self)
         self._topics_by_name: dict[tuple[str, type[Any]], Topic] = {}
         self._incompatible: set[tuple[str, bool]] = set()
         """Topics with an incompatible QoS that Cyclone reported. The bool is True if the peer publishes."""
@@ -87,6 +87,11 @@ class Ends:
             publishes: BuiltinDataReader(participant, topic)
             for publishes, topic in ((True, BuiltinTopicDcpsPublication), (False, BuiltinTopicDcpsSubscription))
         }
+
+    @cached_property
+    def topics(self) -> ReaderThread:
+        """The thread that serves all topics. It starts with the first subscription."""
+        return ReaderThread(self, "topics")
 
     def writer(self, topic: str, kind: type[Any], quality: Qos, matched: Matched | None = None) -> DataWriter:
         """Create a writer for samples of the structure `kind`. `matched` is called for peers that match or leave."""
@@ -176,57 +181,32 @@ class Subscription:
                 self.callback(received)
 
 
-class ReaderThread:
+class ReaderThread(WaitSet):  # type: ignore[misc]
     """A thread that takes the samples of many readers and calls the callback of each reader.
 
-    Ten samples that arrive together wake the thread once, and no threads compete for the GIL.
+    Ten samples that arrive together wake the thread once, and no threads compete for the GIL. The class extends
+    Cyclone's wait set, which returns only the number of readers with new samples, to find these readers.
     """
 
-    def __init__(self, ends: Ends) -> None:
+    def __init__(self, ends: Ends, name: str) -> None:
+        super().__init__(ends.participant)
         self._ends = ends
-        self._readers: _ReaderSet | None = None
+        self._added: dict[int | None, Subscription] = {}
+        self._triggered = (ctypes.c_void_p * 0)()
+        self._stopped = False  # duplicates _stop, because reading a condition releases the GIL
+        self._stop = GuardCondition(ends.participant)
+        self.attach(self._stop)
+        self.thread = threading.Thread(target=self._run, name=name, daemon=True)
+        ends.threads.append(self)
+        self.thread.start()
 
     def add(self, subscription: Subscription) -> Callable[[], None]:
         """Add a reader, and return a function that removes the reader. Do not call these functions in a callback."""
-        if not self._readers:
-            self._readers = _ReaderSet(self._ends.participant)
-            self.thread = threading.Thread(target=self._run, args=(self._readers,), name=subscription.name, daemon=True)
-            self._ends.threads.append(self)
-            self.thread.start()
         callback = guarded(subscription.callback, subscription.name, self._ends.log)
-        return self._readers.add(replace(subscription, callback=callback))
-
-    def stop(self) -> None:
-        """Stop the thread after it has taken the present samples. Thread-safe."""
-        if self._readers:
-            self._readers.stop()
-
-    def _run(self, readers: _ReaderSet) -> None:
-        with suppress(DDSException):  # the entities were deleted during a callback
-            while not readers.stopped:
-                for subscription in readers.wait_for_samples():
-                    subscription.take()
-        self._ends.threads.remove(self)
-        readers.close()
-
-
-class _ReaderSet(WaitSet):  # type: ignore[misc]
-    """Waits for samples of many readers and finds these readers. Cyclone's own wait set returns only their number."""
-
-    def __init__(self, participant: DomainParticipant) -> None:
-        super().__init__(participant)
-        self._added: dict[int | None, Subscription] = {}
-        self._triggered = (ctypes.c_void_p * 0)()
-        self.stopped = False  # duplicates _stop, because reading a condition releases the GIL
-        self._stop = GuardCondition(participant)
-        self.attach(self._stop)
-
-    def add(self, subscription: Subscription) -> Callable[[], None]:
-        """Add a subscription, and return a function that removes the subscription. Both functions are thread-safe."""
         condition = ReadCondition(subscription.reader, _ANY)
         self.attach(condition)
         place = ctypes.addressof(self.attached[-1][1])
-        self._added[place] = subscription
+        self._added[place] = replace(subscription, callback=callback)
 
         def remove() -> None:
             del self._added[place]
@@ -237,11 +217,21 @@ class _ReaderSet(WaitSet):  # type: ignore[misc]
         return remove
 
     def stop(self) -> None:
-        self.stopped = True
+        """Stop the thread after it has taken the present samples. Thread-safe."""
+        self._stopped = True
         with suppress(DDSException):
             self._stop.set(True)
 
-    def wait_for_samples(self) -> list[Subscription]:
+    def _run(self) -> None:
+        with suppress(DDSException):  # the entities were deleted during a callback
+            while not self._stopped:
+                for subscription in self._wait_for_samples():
+                    subscription.take()
+        self._ends.threads.remove(self)
+        for entity in (*(entity for entity, _ in self.attached), self):
+            entity.__del__()
+
+    def _wait_for_samples(self) -> list[Subscription]:
         """Wait until a reader has new samples or stop() is called. Return the subscriptions with new samples."""
         if len(self._triggered) < len(self.attached):
             self._triggered = (ctypes.c_void_p * len(self.attached))()
@@ -251,10 +241,6 @@ class _ReaderSet(WaitSet):  # type: ignore[misc]
         subscriptions = map(self._added.get, self._triggered[:count])
         return [one for one in subscriptions if one]  # None: the stop condition, or a reader being added or removed
 
-    def close(self) -> None:
-        for entity in (*(entity for entity, _ in self.attached), self):
-            entity.__del__()
-
 
 def update_peer(peers: Peers, entity: Any, handle: int, is_there: bool = True) -> None:
     """Add the peer `handle` of `entity`, a reader or writer, to `peers`. Remove the peer if `is_there` is False."""
@@ -262,7 +248,7 @@ def update_peer(peers: Peers, entity: Any, handle: int, is_there: bool = True) -
         peers.remove(key_of(handle))
         return
     with suppress(LookupError):  # the peer has left meanwhile
-        peers.add(key_of(handle), type_hash_of(user_data_of(entity, handle)))
+        peers.add(key_of(handle), entries_of(user_data_of(entity, handle)).get("typehash", ""))
 
 
 def refusal(peers: Peers, reader: DataReader, sample: Any) -> str:
@@ -303,14 +289,9 @@ def user_data_of(entity: Any, handle: int) -> list[str]:
     return list(data.decode(errors="replace").split(";"))
 
 
-def user_data_entry(words: Iterable[str], key: str) -> str:
-    """Return the entry with the key `key`, such as `clientid=1.2`, in a peer's user data, or `""`."""
-    return next((word for word in words if word.startswith(f"{key}=")), "")
-
-
-def type_hash_of(words: Iterable[str]) -> str:
-    """Return the type hash in the user data of a peer, or `""` if the user data has none."""
-    return user_data_entry(words, "typehash").partition("=")[2]
+def entries_of(parts: Iterable[str]) -> dict[str, str]:
+    """Return the entries of a peer's user data from its parts, such as `clientid=1.2`."""
+    return {key: value for key, _, value in (part.partition("=") for part in parts)}
 
 
 def is_acknowledged(writer: DataWriter, seconds: float) -> bool:

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from shmgen.bridge.common.support import remember_bounded
+from shmgen.bridge.dds.entities import entries_of
 
-OnPeerDiscovered = Callable[[list[str], bool], None]
-"""A callback for each new peer: the parts of its user data, and True if the peer is a writer, False if a reader."""
+OnPeerDiscovered = Callable[[dict[str, str], bool], None]
+"""A callback for each new peer: the entries of its user data, and True if the peer is a writer, False if a reader."""
 
 
 class Direction(NamedTuple):
@@ -31,12 +32,12 @@ class Direction(NamedTuple):
 class ReceivedCall:
     """A received request or reply of a service: its bytes `cdr`, with the encapsulation header, and its sender.
 
-    `words` are the `key=value` entries in the user data of the sender. `call` is the identity of the call if the sender
+    `words` are the entries in the user data of the sender. `call` is the identity of the call if the sender
     passes this identity inline, as metadata of the sample. If the bytes contain the identity, `call` is empty.
     """
 
     cdr: bytes
-    words: list[str]
+    words: dict[str, str]
     sender: Hashable
     call: bytes = b""
 
@@ -46,10 +47,10 @@ class Pair(ABC):
 
     def __init__(self, on_peer: OnPeerDiscovered) -> None:
         self._on_peer = on_peer
-        self._words: dict[Hashable, list[str]] = {}
+        self._words: dict[Hashable, dict[str, str]] = {}
         self._lock = threading.Lock()
 
-    def peers(self, is_writer: bool) -> dict[Hashable, list[str]]:
+    def peers(self, is_writer: bool) -> dict[Hashable, dict[str, str]]:
         """Return each peer of this service with its user data: writers if `is_writer` is True, or else readers."""
         present = {}
         for peer in self._matched(is_writer):
@@ -57,12 +58,12 @@ class Pair(ABC):
                 present[peer] = self._user_data_of(peer, is_writer)
         return present
 
-    def _user_data_of(self, peer: Hashable, is_writer: bool) -> list[str]:
+    def _user_data_of(self, peer: Hashable, is_writer: bool) -> dict[str, str]:
         """Return a peer's user data, which is read once. Call `on_peer` for a new peer. Raises LookupError if gone."""
         with self._lock:
             if peer in self._words:
                 return self._words[peer]
-            words = self._read_user_data(peer, is_writer)
+            words = entries_of(self._read_user_data(peer, is_writer))
             remember_bounded(self._words, peer, words)
         self._on_peer(words, is_writer)
         return words
@@ -73,7 +74,7 @@ class Pair(ABC):
 
     @abstractmethod
     def _read_user_data(self, peer: Hashable, is_writer: bool) -> list[str]:
-        """Return the `key=value` entries of a peer's user data. Raises LookupError if the peer has left."""
+        """Return the parts of a peer's user data, such as `clientid=1.2`. Raises LookupError if the peer has left."""
 
     @abstractmethod
     def send(self, cdr: bytes, call: bytes | None = None) -> bytes:

@@ -81,7 +81,7 @@ class CyclonePair(Pair):
             sender = key_of(sample.sample_info.publication_handle)
             callback(ReceivedCall(sample.cdr, self._user_data_of(sender, True), sender))
 
-        self._thread = ReaderThread(self._ends)
+        self._thread = ReaderThread(self._ends, name)
         self._thread.add(Subscription(self._reader, take, name))
 
 

@@ -19,11 +19,10 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
-from shmgen.bridge.backend import Answer, NoAnswer, Refuse, ServiceWire
+from shmgen.bridge.backend import Answer, ErrorSink, NoAnswer, ServiceWire
 from shmgen.bridge.codec.cdr import codec
 from shmgen.bridge.codec.type_identity import Identity, type_name
 from shmgen.bridge.common.support import await_answer, await_server, guarded
-from shmgen.bridge.dds.entities import type_hash_of, user_data_entry
 from shmgen.bridge.dds.service_pair import Direction, Pair, ReceivedCall, ServiceTransport
 from shmgen.bridge.dds.types import reply_name, request_name, structure
 from shmgen.core.model import Message
@@ -57,16 +56,13 @@ class _Half:
     peer_identity_key: str
     """The key of the identity in the user data of a peer."""
 
-    def __init__(
-        self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], refuse: Refuse
-    ) -> None:
+    def __init__(self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]) -> None:
         self.request, self.response = codec(wire.request), codec(wire.response)
         self._transport = transport
         self._closed = False
         self._name = wire.name
         self._log = log
         self._at_once = wire.at_once
-        self._refuse = refuse
         self._is_logged = False
         us = f"{self.own_identity_key}={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
         self._requests = _direction(request_name(wire.name), wire.request, f"{us}typehash={self.request.type_hash};")
@@ -79,12 +75,11 @@ class _Half:
         self._closed = True
         self.pair.close()
 
-    def _id(self, words: list[str]) -> str:
+    def _id(self, words: dict[str, str]) -> str:
         """Return the identity in a peer's user data, or `""` if the peer sends an identity inline with each call."""
-        return user_data_entry(words, self.peer_identity_key)
+        return words.get(self.peer_identity_key, "")
 
     def _report_incompatible(self) -> None:
-        self._refuse(_INCOMPATIBLE)
         if not self._is_logged:
             self._is_logged = True
             self._log(f"{self._name}: {_INCOMPATIBLE}; {self._transport.why}{_HINT}")
@@ -96,32 +91,38 @@ class Server(_Half):
     own_identity_key, peer_identity_key = "serviceid", "clientid"
 
     def __init__(
-        self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None], refuse: Refuse, answer: Answer
+        self,
+        transport: ServiceTransport,
+        wire: ServiceWire,
+        log: Callable[[str], None],
+        errors: ErrorSink,
+        answer: Answer,
     ) -> None:
-        super().__init__(transport, wire, log, refuse)
-        self._answer = answer
+        super().__init__(transport, wire, log)
+        self._errors, self._answer = errors, answer
         self.pair = transport.pair(self._requests, self._responses, self._on_peer)
         self.pair.listen(self._on_received, self._name)
 
-    def _on_peer(self, words: list[str], is_writer: bool) -> None:
-        if is_writer and (why := self._request_identity.refusal(type_hash_of(words))):
-            self._refuse(why)
+    def _on_peer(self, words: dict[str, str], is_writer: bool) -> None:
+        if is_writer and (why := self._request_identity.refusal(words.get("typehash", ""))):
+            self._errors.refuse(why)
         elif is_writer and not self._transport.inline and not self._id(words):
+            self._errors.refuse(_INCOMPATIBLE)
             self._report_incompatible()
 
     def _on_received(self, received: ReceivedCall) -> None:
         if self._closed:
             return
-        if why := self._request_identity.refusal(type_hash_of(received.words)):
-            self._refuse(why)
+        if why := self._request_identity.refusal(received.words.get("typehash", "")):
+            self._errors.refuse(why)
         elif not self._id(received.words) and not self._transport.inline:
-            self._refuse(_INCOMPATIBLE)
+            self._errors.refuse(_INCOMPATIBLE)
         else:
             try:
                 before, body = _split(received.cdr) if self._id(received.words) else (b"", received.cdr)
                 request = self.request.decode(body)
             except ValueError as error:
-                self._refuse(str(error))
+                self._errors.refuse(str(error))
                 raise  # the reading thread logs it at a limited rate
             if self._at_once:
                 reply = guarded(self._reply, self._name, self._log)
@@ -161,7 +162,7 @@ class Client(_Half):
     own_identity_key, peer_identity_key = "clientid", "serviceid"
 
     def __init__(self, transport: ServiceTransport, wire: ServiceWire, log: Callable[[str], None]) -> None:
-        super().__init__(transport, wire, log, lambda why: None)
+        super().__init__(transport, wire, log)
         self._guid = uuid.uuid4().int & (2**64 - 1)
         self._numbers = itertools.count(1)
         self._waiting: dict[bytes, Future[bytes]] = {}
@@ -170,7 +171,7 @@ class Client(_Half):
         self.pair = transport.pair(self._responses, self._requests, self._on_peer)
         self.pair.listen(self._on_received, self._name)
 
-    def _on_peer(self, words: list[str], is_writer: bool) -> None:
+    def _on_peer(self, words: dict[str, str], is_writer: bool) -> None:
         if not is_writer and not self._transport.inline and not self._id(words):
             self._report_incompatible()
 
@@ -194,7 +195,7 @@ class Client(_Half):
         finally:
             self._waiting.pop(call, None)
 
-    def _inline(self, servers: list[list[str]]) -> bool:
+    def _inline(self, servers: list[dict[str, str]]) -> bool:
         """Return True if the servers require inline identities. `servers` has the user data of each server.
 
         Raises NoAnswer if a server is incompatible, or if only some of the servers require inline identities.
@@ -203,7 +204,7 @@ class Client(_Half):
         if incompatible and not self._transport.inline:
             raise NoAnswer(_INCOMPATIBLE)
         for words in servers:
-            if why := self._request_identity.refusal(type_hash_of(words)):
+            if why := self._request_identity.refusal(words.get("typehash", "")):
                 raise NoAnswer(why)
         if incompatible and len(incompatible) < len(servers):
             raise NoAnswer(_BOTH)
@@ -221,7 +222,7 @@ class Client(_Half):
         call, answer = _split(received.cdr) if self._id(received.words) else (received.call, received.cdr)
         with self._sending:
             caller = self._waiting.pop(call, None)
-        if caller and (why := self._response_identity.refusal(type_hash_of(received.words))):
+        if caller and (why := self._response_identity.refusal(received.words.get("typehash", ""))):
             caller.set_exception(NoAnswer(why))
         elif caller:
             caller.set_result(answer)

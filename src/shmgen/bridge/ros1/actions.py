@@ -5,7 +5,6 @@ Source: actionlib_msgs, and the documentation and the Python code of actionlib 1
 
 from __future__ import annotations
 
-import itertools
 import threading
 import time
 import uuid
@@ -49,15 +48,6 @@ _POLL_INTERVAL = 0.02
 """Seconds between two checks of a goal."""
 
 
-class _Taker:
-    """A MessageSink that passes each message to one function."""
-
-    def __init__(self, take: Callable[[Any], None], errors: ErrorSink) -> None:
-        self.take = take
-        self.reject, self.refuse, self.lose = errors.reject, errors.refuse, errors.lose
-        self.set_incompatible_peer = errors.set_incompatible_peer
-
-
 class _Served:
     """A goal of a ROS client, for the PLC to execute. Implements the protocol `Goal` of backend.py."""
 
@@ -86,8 +76,8 @@ class _Server:
         self._lock = threading.Lock()
         self._feedback, self._result = backend.publisher(topics.feedback), backend.publisher(topics.result)
         self._status = backend.publisher(topics.status)
-        backend.subscribe(topics.cancel, _Taker(self._cancel, errors))
-        backend.subscribe(topics.goal, _Taker(self._goal, errors))
+        backend.subscribe(topics.cancel, self._cancel, errors)
+        backend.subscribe(topics.goal, self._goal, errors)
         threading.Thread(target=self._repeat, daemon=True).start()
 
     def progress(self, goal: _Served, fill: Fill) -> None:
@@ -142,11 +132,8 @@ class _Server:
         message = self._status.new()
         message.header.stamp = set_clock(message.header.stamp, self._backend.now())
         with self._lock:
-            now = time.monotonic()
-            for key in [
-                key for key, goal in self._goals.items() if goal.ended and now - goal.ended > _LISTED_AFTER_END
-            ]:
-                del self._goals[key]
+            since = time.monotonic() - _LISTED_AFTER_END
+            self._goals = {key: goal for key, goal in self._goals.items() if not goal.ended or goal.ended >= since}
             message.status_list = [
                 SimpleNamespace(goal_id=goal.goal_id, status=goal.status, text="") for goal in self._goals.values()
             ]
@@ -174,17 +161,16 @@ class _Client:
     def __init__(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> None:
         topics = _ActionTopics(wire)
         self._backend = backend
-        self._numbers = itertools.count(1)
         self._sent: dict[str, _Sent] = {}
         self._lock = threading.Lock()
         self._last_status_at = -_SERVER_TIMEOUT
         self._canceling, self._goal = backend.publisher(topics.cancel), backend.publisher(topics.goal)
-        backend.subscribe(topics.status, _Taker(self._take_status, errors))
-        backend.subscribe(topics.feedback, _Taker(self._take_feedback, errors))
-        backend.subscribe(topics.result, _Taker(self._take_result, errors))
+        backend.subscribe(topics.status, self._take_status, errors)
+        backend.subscribe(topics.feedback, self._take_feedback, errors)
+        backend.subscribe(topics.result, self._take_result, errors)
 
-    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], threading.Thread] | None:
-        key = f"shmgen-{uuid.uuid4().hex}-{next(self._numbers)}"
+    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], object] | None:
+        key = f"shmgen-{uuid.uuid4().hex}"
         message = self._goal.new()
         message.header.stamp = set_clock(message.header.stamp, self._backend.now())
         message.goal_id.stamp = set_clock(message.goal_id.stamp, self._backend.now())
@@ -203,7 +189,7 @@ class _Client:
                 time.sleep(_POLL_INTERVAL)
         except BaseException:
             self._sent.pop(key, None)
-            self._cancel(key)
+            threading.Thread(target=self._cancel, args=(key,), daemon=True).start()
             raise
         if sent.status == _REJECTED:
             self._sent.pop(key, None)
@@ -240,15 +226,10 @@ class _Client:
                         why = f"the server has not listed the goal in its status for {_SERVER_TIMEOUT:g} s"
                         sent.observer.end(ABORTED, None, why)
 
-    def _cancel(self, key: str) -> threading.Thread:
-        def run() -> None:
-            message = self._canceling.new()
-            message.id = key
-            self._canceling.send(message)
-
-        thread = threading.Thread(target=run, daemon=True)
-        thread.start()
-        return thread
+    def _cancel(self, key: str) -> None:
+        message = self._canceling.new()
+        message.id = key
+        self._canceling.send(message)
 
 
 class _ActionTopics:

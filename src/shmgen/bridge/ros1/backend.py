@@ -21,17 +21,16 @@ from rospy.impl import registration, tcpros_pubsub
 from shmgen.bridge.backend import (
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
     ServiceWire,
     Wire,
 )
-from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_answer, from_bytes, payload_sender
+from shmgen.bridge.common.support import SHUTDOWN_TIMEOUT, await_answer, from_bytes, sample_sender
 from shmgen.bridge.ros1 import actions as ros1_actions
 from shmgen.bridge.ros1 import types
 from shmgen.runtime import Time
@@ -79,9 +78,9 @@ class Ros1(Backend):
         def publish(data: bytes) -> None:
             publisher.publish(raw(data))
 
-        return RosPublisher(kind, send, payload_sender(_checked(wire, kind), self.now, publish, is_ros1=True))
+        return RosPublisher(kind, send, sample_sender(_checked(wire, kind), self.now, publish, is_ros1=True))
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         kind = types.message(wire.messages)
 
         def decode(data: bytes) -> Any:
@@ -90,7 +89,7 @@ class Ros1(Backend):
             except genpy.DeserializationError as error:
                 raise ValueError(str(error)) from None
 
-        deliver = from_bytes(_checked(wire, kind), decode, sink, is_ros1=True)
+        deliver = from_bytes(_checked(wire, kind), decode, take, errors, is_ros1=True)
         # Without a queue_size rospy delivers every message that a socket received.
         subscription = rospy.Subscriber(
             wire.name, types.raw(kind), lambda message: deliver(message.data), tcp_nodelay=True
@@ -98,7 +97,7 @@ class Ros1(Backend):
         self.undo.append(subscription.unregister)
         return RosSubscription(kind, lambda: subscription.get_num_connections() > 0)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         kind = types.service(wire)
 
         def handle(request: Any) -> Any:

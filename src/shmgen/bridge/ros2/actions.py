@@ -74,9 +74,9 @@ class _Server:
         interface = ActionInterface(wire)
         self._feedback = backend.publisher(interface.feedback)
         self._status = backend.publisher(interface.status)
-        backend.serve(interface.result, self._result, errors.refuse)
-        backend.serve(interface.cancel, self._cancel, errors.refuse)
-        backend.serve(interface.send, self._send, errors.refuse)
+        backend.serve(interface.result, self._result, errors)
+        backend.serve(interface.cancel, self._cancel, errors)
+        backend.serve(interface.send, self._send, errors)
 
     def progress(self, goal: _Served, fill: Fill) -> None:
         message = self._feedback.new()
@@ -150,24 +150,22 @@ class _Server:
 
 
 class _Client:
-    """A client of a ROS 2 action, with the interface of a RosActionClient, and the sink of the feedback topic."""
+    """A client of a ROS 2 action, with the interface of a RosActionClient."""
 
     def __init__(self, backend: Backend, wire: ActionWire, errors: ErrorSink) -> None:
-        self.reject, self.refuse, self.lose = errors.reject, errors.refuse, errors.lose
-        self.set_incompatible_peer = errors.set_incompatible_peer
         interface = ActionInterface(wire)
         self._observers: dict[bytes, GoalObserver] = {}
         self._sending = backend.client(interface.send)
         self._canceling = backend.client(interface.cancel)
         self._results = backend.client(interface.result)
-        self._feedback = backend.subscribe(interface.feedback, self)
+        self._feedback = backend.subscribe(interface.feedback, self._take_feedback, errors)
 
-    def take(self, message: Any) -> None:
+    def _take_feedback(self, message: Any) -> None:
         observer = self._observers.get(bytes(message.goal_id.uuid))
         if observer:
             observer.feedback(message.feedback)
 
-    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], threading.Thread] | None:
+    def send(self, fill: Fill, timeout: float, observer: GoalObserver) -> Callable[[], object] | None:
         # Wait for all endpoints: they are discovered one by one, and the first feedback would be lost.
         ends = (self._sending, self._results, self._canceling, self._feedback)
         await_server(lambda: all(end.is_connected() for end in ends), timeout)
@@ -180,7 +178,8 @@ class _Client:
             accepted = self._sending.call(request, timeout).accepted
         except NoAnswer:
             del self._observers[key]
-            self._cancel(key)  # the server may still accept the goal later
+            # The server may still accept the goal later.
+            threading.Thread(target=self._cancel, args=(key,), daemon=True).start()
             raise
         if not accepted:
             del self._observers[key]
@@ -200,16 +199,11 @@ class _Client:
         except Exception as error:
             self._observers.pop(key).end(ABORTED, None, str(error))
 
-    def _cancel(self, key: bytes) -> threading.Thread:
-        def run() -> None:
-            request = self._canceling.new()
-            request.goal_info.goal_id.uuid[:] = list(key)
-            with suppress(Exception):  # the end of the goal reports the outcome
-                self._canceling.call(request, _CANCEL_TIMEOUT)
-
-        thread = threading.Thread(target=run, daemon=True)
-        thread.start()
-        return thread
+    def _cancel(self, key: bytes) -> None:
+        request = self._canceling.new()
+        request.goal_info.goal_id.uuid[:] = list(key)
+        with suppress(Exception):  # the end of the goal reports the outcome
+            self._canceling.call(request, _CANCEL_TIMEOUT)
 
 
 def _info(goal: _Served) -> Any:
@@ -250,10 +244,7 @@ class ActionInterface:
 
 
 _UUID = create_message(TypeName("unique_identifier_msgs", "msg", "UUID"), {"uuid": Array(Scalar.UINT8, 16)})
-_INFO = create_message(
-    TypeName("action_msgs", "msg", "GoalInfo"),
-    {"goal_id": Ref(TypeName("unique_identifier_msgs", "msg", "UUID")), "stamp": Clock.TIME},
-)
+_INFO = create_message(TypeName("action_msgs", "msg", "GoalInfo"), {"goal_id": Ref(_UUID.name), "stamp": Clock.TIME})
 _STATUS = create_message(
     TypeName("action_msgs", "msg", "GoalStatus"), {"goal_info": Ref(_INFO.name), "status": Scalar.INT8}
 )

@@ -28,10 +28,9 @@ from rclpy.signals import SignalHandlerOptions
 from shmgen.bridge.backend import (
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -125,13 +124,16 @@ class Ros2(Backend):
             return qos.problem(own, map(_policies, listed(publisher.topic_name)), publishes=True)
 
         return RosPublisher(
-            cdr.new, lambda message: publisher.publish(cdr.encode(message)), None, acknowledged, qos_problem
+            cdr.new,
+            lambda message: publisher.publish(cdr.encode(message)),
+            acknowledged=acknowledged,
+            qos_problem=qos_problem,
         )
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         kind, cdr = types.message(wire.messages), _codec(wire.messages)
         identity = Identity(wire.name, wire.type, cdr.type_hash, self._log, wire.accepts_other)
-        deliver = from_bytes(replace(wire, direct=None), cdr.decode, sink)
+        deliver = from_bytes(replace(wire, direct=None), cdr.decode, take, errors)
         find = self._node.get_publishers_info_by_topic
         name = self._node.resolve_topic_name(wire.name)
         is_fixed = f"qos_overrides.{name}.subscription.reliability" in self._node._parameter_overrides
@@ -149,8 +151,8 @@ class Ros2(Backend):
                 event_callbacks=SubscriptionEventCallbacks(matched=lambda event: inlet.look()),
                 qos_overriding_options=None if is_adopted else _OVERRIDES,
             )
-            peers = Peers(identity, sink.set_incompatible_peer, lambda: _hashes(find(name)))
-            inlet = Inlet(subscription, deliver, sink, peers, _rmw().startswith("rmw_fastrtps"))
+            peers = Peers(identity, errors.set_incompatible_peer, lambda: _hashes(find(name)))
+            inlet = Inlet(subscription, deliver, errors, peers, _rmw().startswith("rmw_fastrtps"))
             undo = self._wait(subscription, "subscription", inlet.take, wire.name)
             return subscription, _policies(subscription), undo
 
@@ -162,7 +164,7 @@ class Ros2(Backend):
             cdr.new, lambda: bool(subscription.end.handle.get_publisher_count()), subscription.qos_problem
         )
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         kind = types.service(wire)
         request, response = _codec(wire.request), _codec(wire.response)
         service = self._node.create_service(kind, wire.name, _never, callback_group=Ours())
@@ -187,7 +189,7 @@ class Ros2(Backend):
                     return
                 peers.look()
                 if why := peers.refusal():
-                    refuse(why)
+                    errors.refuse(why)
                 elif wire.at_once:
                     work = guarded(reply, wire.name, self._log)
                     threading.Thread(target=work, args=(rosidl_request, request_id), daemon=True).start()

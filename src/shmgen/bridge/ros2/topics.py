@@ -29,7 +29,7 @@ class Inlet:
         self._publishers = -1
 
     def take(self) -> None:
-        """Take all waiting messages of the subscription and pass them to the sink."""
+        """Take all waiting messages of the subscription and deliver them."""
         handle, kind = self._handle, self._kind
         if handle.get_publisher_count() != self._publishers:  # its messages may be too long to arrive
             self.look()

@@ -22,10 +22,9 @@ from shmgen.bridge.backend import (
     QUEUE,
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -42,8 +41,8 @@ from shmgen.bridge.common.support import (
     from_bytes,
     guarded,
     join_all,
-    payload_sender,
     remember_bounded,
+    sample_sender,
 )
 from shmgen.bridge.ros2 import actions as ros2_actions
 from shmgen.bridge.zenoh.graph import Graph, Place, attachment, open_session, parse_attachment, quality
@@ -92,26 +91,26 @@ class Zenoh(Backend):
             with lock:  # sends in the order of the numbers
                 out.put(data, attachment=attachment(next(numbers), token.gid))
 
-        send_payload = payload_sender(wire, self.now, send)
-        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_payload)
+        send_sample = sample_sender(wire, self.now, send)
+        return RosPublisher(cdr.new, lambda message: send(cdr.encode(message)), send_sample)
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         """Subscribe to all publishers of the topic and type. Refuse and count messages of incompatible publishers."""
         cdr = codec(wire.messages)
         place = Place(wire.name, wire.type, cdr.type_hash)
         identity = Identity(*place, self._log, wire.accepts_other)
-        deliver = from_bytes(wire, cdr.decode, sink)
+        deliver = from_bytes(wire, cdr.decode, take, errors)
         newest: dict[bytes, int] = {}
 
-        def take(sample: Any) -> None:
+        def receive(sample: Any) -> None:
             number, sender = parse_attachment(sample)
             before = newest.get(sender, number - 1)
             remember_bounded(newest, sender, max(number, before))  # a latched message may arrive after a newer one
             if why := identity.refusal(str(sample.key_expr).rpartition("/")[2]):
-                sink.refuse(why)
+                errors.refuse(why)
                 return
             if number > before + 1:
-                sink.lose(number - before - 1)
+                errors.lose(number - before - 1)
             deliver(sample.payload.to_bytes())
 
         key, ring = self._graph.key(place._replace(hash="*")), RingChannel(wire.queue)
@@ -120,14 +119,14 @@ class Zenoh(Backend):
             subscriber = zenoh.ext.declare_advanced_subscriber(self._session, key, ring, history=history)
         else:
             subscriber = self._session.declare_subscriber(key, ring)
-        stop = self._empty(subscriber, take, wire.name)
-        peers = Peers(identity, sink.set_incompatible_peer)
+        stop = self._empty(subscriber, receive, wire.name)
+        peers = Peers(identity, errors.set_incompatible_peer)
         end_watch = self._graph.watch("MP", place, peers)
         token = self._graph.show("MS", place, quality(wire.qos == "best_effort", wire.latch, wire.queue))
         self._until_undone(stop, end_watch, token.withdraw)
         return RosSubscription(cdr.new, lambda: peers.has_compatible)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         request, response = codec(wire.request), codec(wire.response)
         place = Place(wire.name, wire.type, service_hash(wire.request, wire.response))
         key = self._graph.key(place)
@@ -142,7 +141,7 @@ class Zenoh(Backend):
                     self._log(f"{wire.name}: no answer: {error}")
                     query.reply_err(str(error))
                 except ValueError as error:
-                    refuse(str(error))
+                    errors.refuse(str(error))
                     query.reply_err(str(error))
 
         def take(query: Any) -> None:
@@ -153,7 +152,7 @@ class Zenoh(Backend):
 
         def refuse_peer(incompatible_peer: str) -> None:
             if incompatible_peer:
-                refuse(incompatible_peer)
+                errors.refuse(incompatible_peer)
 
         queryable = self._session.declare_queryable(key, RingChannel(QUEUE), complete=True)
         stop = self._empty(queryable, take, wire.name)

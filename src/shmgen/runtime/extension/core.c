@@ -16,22 +16,16 @@
 
 #define LONG_FROM 4096 /* size in bytes from which a message that is read is a view of a bytearray */
 
-/* The state of the module, separate for each interpreter. */
-typedef struct State {
-    PyObject *explain; /* returns the error for (settings, status, pid, errno) */
-    PyObject *log;     /* log(settings, status) logs why the region was recreated */
-    PyObject *reader;  /* the type Reader */
-} State;
-
 /* The settings of an endpoint. All pointers point into the Python tuple. */
 typedef struct Settings {
     PyObject *tuple, *kind, *codec;
     newfunc make; /* creates a message without its defaults */
-    const char *topic, *type_name, *group;
-    unsigned long long digest;
-    unsigned int size, depth, mode, pid, spin_us;
+    const char *topic;
+    shmgen_type type;
+    shmgen_options options;
+    unsigned int pid;
     long long lock_ns; /* -1 selects the default timeout */
-    int sequence, passive, history, reopen;
+    int history, reopen;
 } Settings;
 
 /* --- threads ------------------------------------------------------------------------------------------------ */
@@ -97,20 +91,23 @@ static shmgen_status *closed_status(End *self)
     return self->writes ? &self->p.closed_status : &self->s.closed_status;
 }
 
-static State *state_of(const End *self)
+/* The module that creates errors and log messages. A call loads the module when it first needs one. */
+static PyObject *refusals(void)
 {
-    return PyType_GetModuleState(Py_TYPE(self));
+    return PyImport_ImportModule("shmgen.runtime.refusals");
 }
 
 /* Raise the Python error for the status. */
 static PyObject *raise_status(const End *self, shmgen_status status)
 {
     const int number = errno;
-    PyObject *error = PyObject_CallFunction(
-        state_of(self)->explain, "OiIi", self->of.tuple, (int)status, self->of.pid, number);
+    PyObject *module = refusals(), *error = NULL;
+    if (module != NULL)
+        error = PyObject_CallMethod(module, "refusal", "OiIi", self->of.tuple, (int)status, self->of.pid, number);
     if (error != NULL)
         PyErr_SetObject((PyObject *)Py_TYPE(error), error);
     Py_XDECREF(error);
+    Py_XDECREF(module);
     return NULL;
 }
 
@@ -151,8 +148,11 @@ static bool is_reopening(End *self, shmgen_status *status)
 /* Log why the region was recreated, which runs Python code. */
 static bool log_recreated(const End *self, uint32_t status)
 {
-    PyObject *logged = PyObject_CallFunction(state_of(self)->log, "OI", self->of.tuple, status);
+    PyObject *module = refusals(), *logged = NULL;
+    if (module != NULL)
+        logged = PyObject_CallMethod(module, "log_recreated", "OI", self->of.tuple, status);
     Py_XDECREF(logged);
+    Py_XDECREF(module);
     return logged != NULL;
 }
 
@@ -183,10 +183,12 @@ static bool read_settings(Settings *of, PyObject *arguments)
 {
     const char *word;
     PyObject *tuple, *header;
+    shmgen_type *type = &of->type;
+    shmgen_options *options = &of->options;
     if (!PyArg_ParseTuple(arguments, "O!", &PyTuple_Type, &tuple) ||
-        !PyArg_ParseTuple(tuple, "sOOsKIILIsppppIsO", &of->topic, &of->kind, &of->codec, &of->type_name, &of->digest,
-                          &of->size, &of->depth, &of->lock_ns, &of->mode, &of->group, &of->sequence, &of->passive,
-                          &of->history, &of->reopen, &of->spin_us, &word, &header))
+        !PyArg_ParseTuple(tuple, "sOOsKIILIsIIppIsO", &of->topic, &of->kind, &of->codec, &type->name, &type->digest,
+                          &type->size, &options->depth, &of->lock_ns, &options->mode, &options->group, &type->sequence,
+                          &options->passive, &of->history, &of->reopen, &options->spin_us, &word, &header))
         return false;
     of->make = (newfunc)PyType_GetSlot((PyTypeObject *)of->kind, Py_tp_new);
     of->pid = (unsigned int)getpid();
@@ -199,24 +201,10 @@ static bool read_settings(Settings *of, PyObject *arguments)
 static bool start_end(End *self, bool writes)
 {
     Settings *of = &self->of;
-    shmgen_type type;
-    shmgen_options options;
     shmgen_status status;
-    memset(&type, 0, sizeof type);
-    type.name = of->type_name;
-    type.digest = of->digest;
-    type.size = of->size;
-    type.sequence = of->sequence != 0;
-    memset(&options, 0, sizeof options);
-    options.group = of->group;
-    options.depth = of->depth;
-    options.mode = of->mode;
-    options.lock_us = of->lock_ns > 0 ? (uint32_t)((of->lock_ns + 999) / 1000) : 0;
-    options.passive = of->passive != 0;
-    options.spin_us = of->spin_us;
     self->writes = writes;
-    status = writes ? shmgen_publisher_start(&self->p, of->topic, &type, &options)
-                    : shmgen_subscriber_start(&self->s, of->topic, &type, &options);
+    status = writes ? shmgen_publisher_start(&self->p, of->topic, &of->type, &of->options)
+                    : shmgen_subscriber_start(&self->s, of->topic, &of->type, &of->options);
     if (status != SHMGEN_OPENING)
         return raise_status(self, status) != NULL;
     if (of->lock_ns >= 0)
@@ -331,7 +319,7 @@ static unsigned char *take_buffer(End *self)
 {
     unsigned char *bytes = self->buffer;
     self->buffer = NULL;
-    if (bytes == NULL && (bytes = PyMem_Malloc(self->of.size)) == NULL)
+    if (bytes == NULL && (bytes = PyMem_Malloc(self->of.type.size)) == NULL)
         PyErr_NoMemory();
     return bytes;
 }
@@ -383,7 +371,7 @@ static shmgen_status write_pieces(
         memset(into + one->offset + one->view.len, 0, one->room - (size_t)one->view.len);
         from = one->offset + one->room;
     }
-    memcpy(into + from, data + from, self->of.size - from);
+    memcpy(into + from, data + from, self->of.type.size - from);
     return shmgen_publisher_complete(&self->p);
 }
 
@@ -493,6 +481,11 @@ static PyObject *reader_new(PyTypeObject *type, PyObject *arguments, PyObject *P
     return NULL;
 }
 
+static bool is_reader(PyObject *object)
+{
+    return PyType_GetSlot(Py_TYPE(object), Py_tp_new) == (void *)reader_new;
+}
+
 /* Read a sample into a buffer of the message's size. Release the GIL only for a second try: the lock of the region
  * was needed and not free, or the writer was faster each time. */
 static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
@@ -502,10 +495,10 @@ static shmgen_status read_into(End *self, void *into, int64_t limit, bool next)
     shmgen_status status;
     if (!acquire_guard(&self->guard))
         return SHMGEN_OPENING;
-    status = read(&self->s, into, self->of.size, 0, NULL);
+    status = read(&self->s, into, self->of.type.size, 0, NULL);
     if (limit > 0 && (status == SHMGEN_LOCK_TIMEOUT || status == SHMGEN_OVERWRITTEN)) {
         Py_BEGIN_ALLOW_THREADS
-        status = read(&self->s, into, self->of.size, limit, NULL);
+        status = read(&self->s, into, self->of.type.size, limit, NULL);
         Py_END_ALLOW_THREADS
     }
     if (is_reopening(self, &status))
@@ -523,7 +516,7 @@ static bool is_message(const End *self, shmgen_status status)
 
 static PyObject *read_long(End *self, int64_t limit, bool next)
 {
-    PyObject *data = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.size), *message = NULL;
+    PyObject *data = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->of.type.size), *message = NULL;
     if (data == NULL)
         return NULL;
     if (is_message(self, read_into(self, PyByteArray_AsString(data), limit, next)))
@@ -566,7 +559,7 @@ static PyObject *read_message(End *self, PyObject *left, bool next)
     }
     if (nothing_to_read(self))
         Py_RETURN_NONE; /* before a message is created */
-    message = self->of.size >= LONG_FROM ? read_long(self, limit, next) : read_short(self, limit, next);
+    message = self->of.type.size >= LONG_FROM ? read_long(self, limit, next) : read_short(self, limit, next);
     if (message == NULL && PyErr_Occurred() == NULL)
         Py_RETURN_NONE;
     return message;
@@ -607,7 +600,7 @@ static PyObject *reader_read_into(PyObject *object, PyObject *message)
         if ((PyObject *)Py_TYPE(message) != self->of.kind) {
             filled = fill_other(self, bytes, message);
         } else if (PyObject_GetBuffer(message, &view, PyBUF_WRITABLE) == 0) {
-            memcpy(view.buf, bytes, self->of.size);
+            memcpy(view.buf, bytes, self->of.type.size);
             PyBuffer_Release(&view);
             filled = true;
         }
@@ -739,7 +732,7 @@ static PyObject *reader_newest(PyObject *object, PyObject *Py_UNUSED(nothing))
 }
 
 /* sleep_any(readers, ns): sleep at most `ns` until a writer may have published a sample. May return early. */
-static PyObject *sleep_any(PyObject *module, PyObject *arguments)
+static PyObject *sleep_any(PyObject *Py_UNUSED(module), PyObject *arguments)
 {
     PyObject *readers;
     shmgen_subscriber **several;
@@ -747,7 +740,6 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
     Py_ssize_t count;
     shmgen_status status = SHMGEN_OK;
     const End *last = NULL;
-    const State *state = PyModule_GetState(module);
     if (!PyArg_ParseTuple(arguments, "O!L", &PyTuple_Type, &readers, &ns))
         return NULL;
     count = PyTuple_Size(readers);
@@ -756,7 +748,7 @@ static PyObject *sleep_any(PyObject *module, PyObject *arguments)
         return PyErr_NoMemory();
     for (Py_ssize_t index = 0; index < count; index++) {
         End *reader = (End *)PyTuple_GetItem(readers, index);
-        if ((PyObject *)Py_TYPE(reader) != state->reader) {
+        if (!is_reader((PyObject *)reader)) {
             PyMem_Free(several);
             return PyErr_Format(PyExc_TypeError, "these are for subscribers");
         }
@@ -808,8 +800,7 @@ static int notifier_init(PyObject *object, PyObject *arguments, PyObject *Py_UNU
 /* Return the reader, or NULL with an exception. */
 static End *reader_for(const Notifier *self, PyObject *reader)
 {
-    const State *state = PyType_GetModuleState(Py_TYPE(self));
-    if ((PyObject *)Py_TYPE(reader) != state->reader)
+    if (!is_reader(reader))
         PyErr_Format(PyExc_TypeError, "a notifier watches subscribers");
     else if (self->readers == NULL || self->c.fd < 0)
         PyErr_Format(PyExc_ValueError, "this notifier is closed");
@@ -1002,68 +993,25 @@ static PyType_Slot notifier_slots[] = {
     {0, NULL},
 };
 
-static PyType_Spec specifications[] = {
-    {"shmgen._core.Writer", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, writer_slots},
-    {"shmgen._core.Reader", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, reader_slots},
-    {"shmgen._core.Notifier", (int)sizeof(Notifier), 0, Py_TPFLAGS_DEFAULT, notifier_slots},
-};
+static PyType_Spec writer_type = {"shmgen._core.Writer", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, writer_slots};
+static PyType_Spec reader_type = {"shmgen._core.Reader", (int)sizeof(End), 0, Py_TPFLAGS_DEFAULT, reader_slots};
+static PyType_Spec notifier_type = {
+    "shmgen._core.Notifier", (int)sizeof(Notifier), 0, Py_TPFLAGS_DEFAULT, notifier_slots};
 
 static int fill(PyObject *module)
 {
-    State *state = PyModule_GetState(module);
-    static const char *const names[] = {"Writer", "Reader", "Notifier"};
-    for (int number = 0; number < 3; number++) {
-        PyObject *type = PyType_FromModuleAndSpec(module, &specifications[number], NULL);
-        if (type == NULL || PyModule_AddObjectRef(module, names[number], type) != 0) {
-            Py_XDECREF(type);
+    PyType_Spec *const types[] = {&writer_type, &reader_type, &notifier_type, &table_type};
+    for (size_t index = 0; index < sizeof types / sizeof types[0]; index++) {
+        PyObject *type = PyType_FromSpec(types[index]);
+        const bool is_added = type != NULL && PyModule_AddType(module, (PyTypeObject *)type) == 0;
+        Py_XDECREF(type);
+        if (!is_added)
             return -1;
-        }
-        if (number == 1)
-            state->reader = type;
-        else
-            Py_DECREF(type);
     }
-    if (table_add_type(module) != 0)
-        return -1;
     return PyModule_AddIntConstant(module, "ABI", SHMGEN_ABI);
 }
 
-/* explain_by(explain, log): set the functions that return the error for a status, and that log a recreated region. */
-static PyObject *explain_by(PyObject *module, PyObject *functions)
-{
-    State *state = PyModule_GetState(module);
-    PyObject *explain, *log;
-    if (!PyArg_ParseTuple(functions, "OO", &explain, &log))
-        return NULL;
-    Py_INCREF(explain);
-    Py_INCREF(log);
-    Py_XDECREF(state->explain);
-    Py_XDECREF(state->log);
-    state->explain = explain;
-    state->log = log;
-    Py_RETURN_NONE;
-}
-
-static int state_traverse(PyObject *module, visitproc visit, void *arg)
-{
-    const State *state = PyModule_GetState(module);
-    Py_VISIT(state->explain);
-    Py_VISIT(state->log);
-    Py_VISIT(state->reader);
-    return 0;
-}
-
-static int state_clear(PyObject *module)
-{
-    State *state = PyModule_GetState(module);
-    Py_CLEAR(state->explain);
-    Py_CLEAR(state->log);
-    Py_CLEAR(state->reader);
-    return 0;
-}
-
 static PyMethodDef functions[] = {
-    {"explain_by", explain_by, METH_VARARGS, NULL},
     {"sleep_any", sleep_any, METH_VARARGS, NULL},
     {"can_wait_for_many", can_wait_for_many, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
@@ -1075,7 +1023,7 @@ static PyModuleDef_Slot module_slots[] = {
 };
 
 static PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "_core", NULL, sizeof(State), functions, module_slots, state_traverse, state_clear, NULL,
+    PyModuleDef_HEAD_INIT, "_core", NULL, 0, functions, module_slots, NULL, NULL, NULL,
 };
 
 PyMODINIT_FUNC PyInit__core(void)

@@ -123,30 +123,25 @@ static bool put_number(const Step *step, unsigned char *into, PyObject *value)
     return fits;
 }
 
-/* Read the seconds and nanoseconds of a time as integers, from attributes of these names. Return false with an
- * exception. */
-static bool parts_of(PyObject *value, PyObject *seconds_name, PyObject *nanos_name, PyObject *parts[2])
+/* Return an attribute as an integer. NULL without an exception means that there is no such attribute or integer. */
+static PyObject *whole_attribute(PyObject *value, PyObject *name)
 {
-    PyObject *names[2] = {seconds_name, nanos_name};
-    for (int index = 0; index < 2; index++) {
-        PyObject *part = PyObject_GetAttr(value, names[index]);
-        parts[index] = part != NULL ? PyNumber_Index(part) : NULL;
-        Py_XDECREF(part);
-        if (parts[index] == NULL) {
-            if (index == 1)
-                Py_CLEAR(parts[0]);
-            return false;
-        }
-    }
-    return true;
+    PyObject *part = PyObject_GetAttr(value, name), *whole = part != NULL ? PyNumber_Index(part) : NULL;
+    Py_XDECREF(part);
+    if (whole == NULL && (PyErr_ExceptionMatches(PyExc_AttributeError) || PyErr_ExceptionMatches(PyExc_TypeError)))
+        PyErr_Clear();
+    return whole;
 }
 
-static bool clear_if_none(void)
+/* Read the two parts of a time from attributes of these names. Return false if a part is missing; an exception may be
+ * set. */
+static bool parts_of(PyObject *value, PyObject *seconds_name, PyObject *nanos_name, PyObject *parts[2])
 {
-    const bool is_none = PyErr_ExceptionMatches(PyExc_AttributeError) || PyErr_ExceptionMatches(PyExc_TypeError);
-    if (is_none)
-        PyErr_Clear();
-    return is_none;
+    parts[0] = whole_attribute(value, seconds_name);
+    parts[1] = parts[0] != NULL ? whole_attribute(value, nanos_name) : NULL;
+    if (parts[1] == NULL)
+        Py_CLEAR(parts[0]);
+    return parts[1] != NULL;
 }
 
 /* Write a time of ROS 2 or ROS 1. If the time does not fit, walker.py raises the error. */
@@ -156,12 +151,9 @@ static bool put_clock(const Table *self, const Step *step, unsigned char *into, 
     int over[2] = {0, 0};
     int64_t seconds, nanos;
     bool fits;
-    if (!parts_of(value, self->tools[SEC], self->tools[NANOSEC], parts)) {
-        if (!clear_if_none())
-            return false;
-        if (!parts_of(value, self->tools[SECS], self->tools[NSECS], parts))
-            return clear_if_none() && put_by_python(self, step, into, value, index);
-    }
+    if (!parts_of(value, self->tools[SEC], self->tools[NANOSEC], parts) &&
+        (PyErr_Occurred() != NULL || !parts_of(value, self->tools[SECS], self->tools[NSECS], parts)))
+        return PyErr_Occurred() == NULL && put_by_python(self, step, into, value, index);
     seconds = PyLong_AsLongLongAndOverflow(parts[0], &over[0]);
     nanos = PyLong_AsLongLongAndOverflow(parts[1], &over[1]);
     fits = over[0] == 0 && over[1] == 0 && put_parts(step, into, seconds, nanos);
@@ -585,47 +577,4 @@ bool codec_decode(PyObject *table, const unsigned char *data, PyObject *message)
     Py_DECREF(message);
     Py_DECREF(table);
     return fits;
-}
-
-/* encode(message, into): return the number of truncated strings. */
-PyObject *table_encode(PyObject *object, PyObject *arguments)
-{
-    PyObject *message, *into;
-    codec_deferred deferred[CODEC_MOST_DEFERRED];
-    codec_buffer view;
-    size_t count, cuts;
-    bool fits;
-    if (!PyArg_ParseTuple(arguments, "OO", &message, &into) || PyObject_GetBuffer(into, &view, PyBUF_WRITABLE) != 0)
-        return NULL;
-    if ((size_t)view.len != ((Table *)object)->size) {
-        PyBuffer_Release(&view);
-        return PyErr_Format(PyExc_ValueError, "as many bytes as the message has");
-    }
-    fits = codec_encode(object, message, view.buf, deferred, &count, &cuts);
-    for (size_t index = 0; index < count; index++) {
-        unsigned char *to = (unsigned char *)view.buf + deferred[index].offset;
-        memset(to, 0, deferred[index].room);
-        memcpy(to, deferred[index].view.buf, (size_t)deferred[index].view.len);
-    }
-    codec_release(deferred, count);
-    PyBuffer_Release(&view);
-    return fits ? PyLong_FromSize_t(cuts) : NULL;
-}
-
-/* decode(data, message): set the attributes of the message. */
-PyObject *table_decode(PyObject *object, PyObject *arguments)
-{
-    PyObject *data, *message;
-    codec_buffer view;
-    bool fits;
-    if (!PyArg_ParseTuple(arguments, "OO", &data, &message) || PyObject_GetBuffer(data, &view, PyBUF_SIMPLE) != 0)
-        return NULL;
-    fits = (size_t)view.len == ((Table *)object)->size;
-    if (!fits)
-        PyErr_SetString(PyExc_ValueError, "as many bytes as the message has");
-    fits = fits && codec_decode(object, view.buf, message);
-    PyBuffer_Release(&view);
-    if (!fits)
-        return NULL;
-    Py_RETURN_NONE;
 }

@@ -326,14 +326,7 @@ static void table_free(PyObject *object)
     Py_DECREF(type);
 }
 
-bool is_table(PyObject *object)
-{
-    return PyType_GetSlot(Py_TYPE(object), Py_tp_dealloc) == (void *)table_free;
-}
-
 static PyMethodDef methods[] = {
-    {"encode", table_encode, METH_VARARGS, NULL},
-    {"decode", table_decode, METH_VARARGS, NULL},
     {"to_wire", (PyCFunction)(void (*)(void))table_to_wire, METH_FASTCALL, NULL},
     {"from_wire", (PyCFunction)(void (*)(void))table_from_wire, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
@@ -346,14 +339,4 @@ static PyType_Slot slots[] = {
     {0, NULL},
 };
 
-static PyType_Spec specification = {"shmgen._core.Table", (int)sizeof(Table), 0, Py_TPFLAGS_DEFAULT, slots};
-
-int table_add_type(PyObject *module)
-{
-    PyObject *type = PyType_FromSpec(&specification);
-    if (type == NULL || PyModule_AddObject(module, "Table", type) != 0) {
-        Py_XDECREF(type);
-        return -1;
-    }
-    return 0;
-}
+PyType_Spec table_type = {"shmgen._core.Table", (int)sizeof(Table), 0, Py_TPFLAGS_DEFAULT, slots};

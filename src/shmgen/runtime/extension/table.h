@@ -124,8 +124,7 @@ typedef struct codec_deferred {
     codec_buffer view;
 } codec_deferred;
 
-int table_add_type(PyObject *module);
-bool is_table(PyObject *object);
+extern PyType_Spec table_type;
 
 /* Both functions run Python code of the message, which may call the functions again. False means that an exception is
  * set. */
@@ -159,7 +158,5 @@ bool put_by_python(const Table *self, const Step *step, unsigned char *into, PyO
 PyObject *table_to_wire(PyObject *table, PyObject *const *arguments, Py_ssize_t count);
 PyObject *table_from_wire(PyObject *table, PyObject *const *arguments, Py_ssize_t count);
 size_t wire_most(const Step *step, const Step *end);
-PyObject *table_encode(PyObject *table, PyObject *arguments);
-PyObject *table_decode(PyObject *table, PyObject *arguments);
 
 #endif

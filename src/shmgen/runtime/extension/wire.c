@@ -9,35 +9,24 @@ typedef struct Wire {
     const Table *self;
     unsigned char *payload, *bytes; /* `bytes` starts after the head */
     size_t at, room;
-    bool is_ros1, swaps;
+    bool writes; /* true: the call copies from `payload` to `bytes`; false: from `bytes` to `payload` */
+    bool swaps;  /* true if the numbers in `bytes` that are read are big-endian */
+    bool is_ros1;
     Py_ssize_t stamp_at; /* offset of the stamp; -1 = none */
     PyObject *now;       /* function that returns seconds and nanoseconds for a zero stamp */
 } Wire;
 
-static bool encode_fields(Wire *wire, const Step *step, const Step *end, const unsigned char *message);
-static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigned char *message);
+static bool convert_fields(Wire *wire, const Step *step, const Step *end, unsigned char *message);
 
 /* --- bytes --------------------------------------------------------------------------------------------------- */
 
-/* Copy `count` numbers of `size` bytes, and swap their bytes if the byte order differs. */
-static void copy(const Wire *wire, unsigned char *into, const unsigned char *from, size_t size, size_t count)
-{
-    if (!wire->swaps || size == 1) {
-        memcpy(into, from, size * count);
-        return;
-    }
-    for (; count > 0; count--, into += size, from += size)
-        for (size_t index = 0; index < size; index++)
-            into[index] = from[size - 1 - index];
-}
-
 /* Skip the padding before a number. When writing, set the padding to zero. */
-static bool align(Wire *wire, size_t size, bool writes)
+static inline bool align(Wire *wire, size_t size)
 {
     const size_t pad = wire->is_ros1 ? 0 : (size - wire->at % size) % size;
     if (pad > wire->room - wire->at)
         return false;
-    if (writes)
+    if (wire->writes)
         memset(wire->bytes + wire->at, 0, pad);
     wire->at += pad;
     return true;
@@ -49,32 +38,35 @@ static bool has_numbers(const Wire *wire, size_t size, size_t count)
     return size * (count + 1) <= wire->room - wire->at;
 }
 
-static bool put(Wire *wire, const void *from, size_t size, size_t count)
+static void copy_swapped(unsigned char *into, const unsigned char *from, size_t size, size_t count)
 {
+    for (; count > 0; count--, into += size, from += size)
+        for (size_t index = 0; index < size; index++)
+            into[index] = from[size - 1 - index];
+}
+
+/* Copy `count` numbers of `size` bytes from `memory` to the serialized bytes or, when reading, back. */
+static inline bool copy(Wire *wire, void *memory, size_t size, size_t count)
+{
+    unsigned char *bytes = wire->bytes + wire->at;
     if (size * count > wire->room - wire->at)
         return false;
-    copy(wire, wire->bytes + wire->at, from, size, count);
     wire->at += size * count;
+    if (wire->swaps)
+        copy_swapped(memory, bytes, size, count);
+    else
+        memcpy(wire->writes ? bytes : memory, wire->writes ? memory : bytes, size * count);
     return true;
 }
 
-static bool take(Wire *wire, void *into, size_t size, size_t count)
+static bool copy_u32(Wire *wire, void *number)
 {
-    if (size * count > wire->room - wire->at)
-        return false;
-    copy(wire, into, wire->bytes + wire->at, size, count);
-    wire->at += size * count;
-    return true;
+    return align(wire, sizeof(uint32_t)) && copy(wire, number, sizeof(uint32_t), 1);
 }
 
-static bool put_u32(Wire *wire, uint32_t number)
+static bool refuse_end(const Wire *wire, const Step *step, Py_ssize_t index)
 {
-    return align(wire, 4, true) && put(wire, &number, sizeof number, 1);
-}
-
-static bool take_u32(Wire *wire, uint32_t *number)
-{
-    return align(wire, 4, false) && take(wire, number, sizeof *number, 1);
+    return refuse(wire->self, step, index, "the bytes end within it");
 }
 
 static bool is_ascii(const unsigned char *text, size_t length)
@@ -115,7 +107,7 @@ static bool put_time(Wire *wire, const Step *step, const unsigned char *from, Py
         return refuse(wire->self, step, index, "ROS cannot hold this time");
     words[0] = (uint32_t)parts[0];
     words[1] = (uint32_t)parts[1];
-    return align(wire, 4, true) && put(wire, words, 4, 2);
+    return align(wire, 4) && copy(wire, words, 4, 2);
 }
 
 static bool put_string(Wire *wire, const Step *step, const unsigned char *from)
@@ -124,6 +116,7 @@ static bool put_string(Wire *wire, const Step *step, const unsigned char *from)
     size_t length = strnlen((const char *)from, step->size);
     PyObject *text = NULL;
     const char *data = (const char *)from;
+    uint32_t size;
     bool is_complete;
     if (!is_ascii(from, length)) {
         Py_ssize_t bytes = 0;
@@ -131,8 +124,8 @@ static bool put_string(Wire *wire, const Step *step, const unsigned char *from)
         data = text != NULL ? PyUnicode_AsUTF8AndSize(text, &bytes) : NULL;
         length = (size_t)bytes;
     }
-    is_complete = data != NULL && put_u32(wire, (uint32_t)(length + ends)) && put(wire, data, 1, length) &&
-           put(wire, "", 1, ends);
+    size = (uint32_t)(length + ends);
+    is_complete = data != NULL && copy_u32(wire, &size) && copy(wire, (void *)data, 1, length) && copy(wire, "", 1, ends);
     Py_XDECREF(text);
     return is_complete;
 }
@@ -143,132 +136,18 @@ static bool put_wide_string(Wire *wire, const Step *step, const unsigned char *f
     PyObject *text = text_from(step, from);
     PyObject *units = text != NULL ? PyUnicode_AsEncodedString(text, "utf-16-le", NULL) : NULL;
     const unsigned char *data = units != NULL ? (const unsigned char *)PyBytes_AsString(units) : NULL;
-    const size_t length = units != NULL ? (size_t)PyBytes_Size(units) / 2 : 0;
-    bool is_complete = data != NULL && put_u32(wire, (uint32_t)length);
-    for (size_t index = 0; is_complete && index < length; index++) {
-        const uint32_t unit = (uint32_t)data[2 * index] | (uint32_t)data[2 * index + 1] << 8;
-        is_complete = put(wire, &unit, sizeof unit, 1);
+    uint32_t length = units != NULL ? (uint32_t)PyBytes_Size(units) / 2 : 0;
+    bool is_complete = data != NULL && copy_u32(wire, &length);
+    for (uint32_t index = 0; is_complete && index < length; index++) {
+        uint32_t unit = (uint32_t)data[2 * index] | (uint32_t)data[2 * index + 1] << 8;
+        is_complete = copy(wire, &unit, sizeof unit, 1);
     }
     Py_XDECREF(text);
     Py_XDECREF(units);
     return is_complete;
 }
 
-static bool put_elements(Wire *wire, const Step *step, const unsigned char *from, size_t count)
-{
-    const Py_ssize_t first = step->length != 0 ? 0 : -1;
-    if (step->what == NUMBERS) {
-        const size_t start = wire->at;
-        if (count != 0 && !(align(wire, step->size, true) && put(wire, from, step->size, count)))
-            return false;
-        if (step->code == '?') /* a PLC may have written any byte */
-            for (size_t at = start; at < wire->at; at++)
-                wire->bytes[at] = wire->bytes[at] != 0;
-        return true;
-    }
-    for (size_t index = 0; index < count; index++, from += step->size) {
-        const Py_ssize_t place = first < 0 ? -1 : (Py_ssize_t)index;
-        const bool is_complete = step->what == CLOCKS ? put_time(wire, step, from, place)
-                          : step->what == MESSAGES
-                              ? encode_fields(wire, step + 1, step + 1 + step->inner, from) ||
-                                    (PyErr_Occurred() != NULL && add_path(wire->self, step, place))
-                          : step->code == 'w' ? put_wide_string(wire, step, from)
-                                              : put_string(wire, step, from);
-        if (!is_complete)
-            return false;
-    }
-    return true;
-}
-
-static bool encode_fields(Wire *wire, const Step *step, const Step *end, const unsigned char *message)
-{
-    if (step == end) /* a message without fields */
-        return wire->is_ros1 || put(wire, "", 1, 1);
-    for (; step < end; step += 1 + step->inner) {
-        size_t count = element_count(step);
-        if (step->count_at >= 0) {
-            uint32_t elements;
-            memcpy(&elements, message + step->count_at, sizeof elements);
-            if (elements > step->length)
-                return refuse_count(wire->self, step, elements);
-            if (!put_u32(wire, elements))
-                return false;
-            count = elements;
-        } else if (step->run != 0) {
-            if (!(align(wire, step->unit, true) && put(wire, message + step->at, step->unit, step->run)))
-                return false;
-            step += step->run_end;
-            continue;
-        }
-        if (!put_elements(wire, step, message + step->at, count))
-            return false;
-    }
-    return true;
-}
-
-/* Return the maximum size in bytes of some steps in the serialization of ROS, including padding. */
-size_t wire_most(const Step *step, const Step *end)
-{
-    size_t most = 1;
-    for (; step < end; step += 1 + step->inner) {
-        const size_t each = step->what == MESSAGES  ? wire_most(step + 1, step + 1 + step->inner)
-                            : step->what == NUMBERS ? step->size
-                                                    : 2 * step->size + 12; /* padding, length or two numbers, UTF-8 */
-        most += 16 + element_count(step) * each;
-    }
-    return most;
-}
-
-static bool has_arguments(Py_ssize_t count, Py_ssize_t expected)
-{
-    return count == expected || PyErr_Format(PyExc_TypeError, "%zd arguments, expected %zd", count, expected) != NULL;
-}
-
-/* to_wire(payload, is ROS 1, is big-endian, offset of the stamp or -1, now): return the serialized message. `now()`
- * returns seconds and nanoseconds, which replace the stamp if it is zero. */
-PyObject *table_to_wire(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
-{
-    const Table *self = (Table *)object;
-    Wire wire = {.self = self, .room = self->wire_most};
-    codec_buffer view;
-    PyObject *result = NULL;
-    unsigned char *buffer;
-    bool is_big;
-    size_t head;
-    if (!has_arguments(count, 5))
-        return NULL;
-    wire.is_ros1 = PyObject_IsTrue(arguments[1]) != 0;
-    is_big = PyObject_IsTrue(arguments[2]) != 0;
-    wire.stamp_at = PyLong_AsSsize_t(arguments[3]);
-    wire.now = arguments[4];
-    if (PyErr_Occurred() != NULL || PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
-        return NULL;
-    head = wire.is_ros1 ? 0 : 4;
-    buffer = (size_t)view.len == self->size ? PyMem_Malloc(head + self->wire_most) : NULL;
-    if (buffer != NULL) {
-        const unsigned char words[4] = {0, !is_big, 0, 0};
-        memcpy(buffer, words, head);
-        wire.payload = view.buf;
-        wire.bytes = buffer + head;
-        wire.swaps = is_big;
-        if (encode_fields(&wire, self->steps, self->steps + self->count, wire.payload))
-            result = PyBytes_FromStringAndSize((char *)buffer, (Py_ssize_t)(head + wire.at));
-    } else if ((size_t)view.len == self->size) {
-        PyErr_NoMemory();
-    }
-    PyMem_Free(buffer);
-    PyBuffer_Release(&view);
-    if (result == NULL && PyErr_Occurred() == NULL)
-        PyErr_SetString(PyExc_ValueError, "as many bytes as the message has");
-    return result;
-}
-
 /* --- from ROS ------------------------------------------------------------------------------------------------ */
-
-static bool refuse_end(const Wire *wire, const Step *step, Py_ssize_t index)
-{
-    return refuse(wire->self, step, index, "the bytes end within it");
-}
 
 static bool take_time(Wire *wire, const Step *step, unsigned char *into, Py_ssize_t index)
 {
@@ -277,7 +156,7 @@ static bool take_time(Wire *wire, const Step *step, unsigned char *into, Py_ssiz
     int64_t seconds, nanos;
     PyObject *time;
     bool fits;
-    if (!align(wire, 4, false) || !take(wire, words, 4, 2))
+    if (!align(wire, 4) || !copy(wire, words, 4, 2))
         return refuse_end(wire, step, index);
     seconds = is_ros1 && !step->is_duration ? (int64_t)words[0] : (int64_t)(int32_t)words[0];
     nanos = is_ros1 && step->is_duration ? (int64_t)(int32_t)words[1] : (int64_t)words[1];
@@ -304,20 +183,20 @@ static bool put_decoded(Wire *wire, const Step *step, unsigned char *into, PyObj
     return fits;
 }
 
-static bool take_wide(Wire *wire, const Step *step, unsigned char *into, Py_ssize_t index)
+static bool take_wide_string(Wire *wire, const Step *step, unsigned char *into, Py_ssize_t index)
 {
     uint32_t length, unit = 0;
     unsigned char *units;
     int little = -1;
     bool is_complete = true;
     PyObject *text;
-    if (!take_u32(wire, &length) || length > (wire->room - wire->at) / 4)
+    if (!copy_u32(wire, &length) || length > (wire->room - wire->at) / 4)
         return refuse_end(wire, step, index);
     units = PyMem_Malloc(2 * (size_t)length + 1);
     if (units == NULL)
         return PyErr_NoMemory() != NULL;
     for (size_t place = 0; is_complete && place < length; place++) {
-        is_complete = take(wire, &unit, sizeof unit, 1) && unit <= UINT16_MAX;
+        is_complete = copy(wire, &unit, sizeof unit, 1) && unit <= UINT16_MAX;
         units[2 * place] = (unsigned char)unit;
         units[2 * place + 1] = (unsigned char)(unit >> 8);
     }
@@ -336,7 +215,7 @@ static bool take_string(Wire *wire, const Step *step, unsigned char *into, Py_ss
     const size_t ends = !wire->is_ros1;
     const unsigned char *text;
     uint32_t length;
-    if (!take_u32(wire, &length) || length > wire->room - wire->at)
+    if (!copy_u32(wire, &length) || length > wire->room - wire->at)
         return refuse_end(wire, step, index);
     text = wire->bytes + wire->at;
     if (length < ends || (ends && text[length - 1] != 0))
@@ -350,59 +229,111 @@ static bool take_string(Wire *wire, const Step *step, unsigned char *into, Py_ss
     return put_decoded(wire, step, into, PyUnicode_DecodeUTF8((const char *)text, length, "strict"), index);
 }
 
-static bool take_numbers(Wire *wire, const Step *step, unsigned char *into, size_t count)
+/* --- in both directions -------------------------------------------------------------------------------------- */
+
+static bool convert_numbers(Wire *wire, const Step *step, unsigned char *memory, size_t count)
 {
-    if (count != 0 && !(align(wire, step->size, false) && take(wire, into, step->size, count)))
+    if (count != 0 && !(align(wire, step->size) && copy(wire, memory, step->size, count)))
         return refuse_end(wire, step, -1);
     for (size_t index = 0; step->code == '?' && index < count; index++)
-        if (into[index] > 1)
+        if (wire->writes) /* a PLC may have written any byte */
+            wire->bytes[wire->at - count + index] = memory[index] != 0;
+        else if (memory[index] > 1)
             return refuse(wire->self, step, step->length != 0 ? (Py_ssize_t)index : -1, "the byte is no bool");
     return true;
 }
 
-static bool take_elements(Wire *wire, const Step *step, unsigned char *into, size_t count)
+static bool convert_element(Wire *wire, const Step *step, unsigned char *memory, Py_ssize_t index)
 {
-    if (step->what == NUMBERS)
-        return take_numbers(wire, step, into, count);
-    for (size_t index = 0; index < count; index++, into += step->size) {
-        const Py_ssize_t place = step->length != 0 ? (Py_ssize_t)index : -1;
-        const bool is_complete = step->what == CLOCKS ? take_time(wire, step, into, place)
-                          : step->what == MESSAGES
-                              ? decode_fields(wire, step + 1, step + 1 + step->inner, into) ||
-                                    (PyErr_Occurred() != NULL && add_path(wire->self, step, place))
-                          : step->code == 'w' ? take_wide(wire, step, into, place)
-                                              : take_string(wire, step, into, place);
-        if (!is_complete)
+    if (step->what == MESSAGES)
+        return convert_fields(wire, step + 1, step + 1 + step->inner, memory) ||
+               (PyErr_Occurred() != NULL && add_path(wire->self, step, index));
+    if (step->what == CLOCKS)
+        return wire->writes ? put_time(wire, step, memory, index) : take_time(wire, step, memory, index);
+    if (step->code == 'w')
+        return wire->writes ? put_wide_string(wire, step, memory) : take_wide_string(wire, step, memory, index);
+    return wire->writes ? put_string(wire, step, memory) : take_string(wire, step, memory, index);
+}
+
+static bool convert_fields(Wire *wire, const Step *step, const Step *end, unsigned char *message)
+{
+    unsigned char filler = 0;
+    if (step == end) /* a message without fields */
+        return wire->is_ros1 || copy(wire, &filler, 1, 1);
+    for (; step < end; step += 1 + step->inner) {
+        unsigned char *memory = message + step->at;
+        uint32_t count = (uint32_t)element_count(step);
+        if (step->count_at >= 0) {
+            if (!copy_u32(wire, message + step->count_at))
+                return refuse_end(wire, step, -1);
+            memcpy(&count, message + step->count_at, sizeof count);
+            if (count > step->length)
+                return refuse_count(wire->self, step, count);
+        } else if (step->run != 0 && has_numbers(wire, step->unit, step->run)) {
+            align(wire, step->unit);
+            copy(wire, memory, step->unit, step->run);
+            step += step->run_end;
+            continue;
+        }
+        if (step->what == NUMBERS && !convert_numbers(wire, step, memory, count))
             return false;
+        for (uint32_t index = 0; step->what != NUMBERS && index < count; index++, memory += step->size)
+            if (!convert_element(wire, step, memory, step->length != 0 ? (Py_ssize_t)index : -1))
+                return false;
     }
     return true;
 }
 
-static bool decode_fields(Wire *wire, const Step *step, const Step *end, unsigned char *message)
+/* Return the maximum size in bytes of some steps in the serialization of ROS, including padding. */
+size_t wire_most(const Step *step, const Step *end)
 {
-    unsigned char filler;
-    if (step == end) /* a message without fields */
-        return wire->is_ros1 || take(wire, &filler, 1, 1);
+    size_t most = 1;
     for (; step < end; step += 1 + step->inner) {
-        size_t count = element_count(step);
-        if (step->count_at >= 0) {
-            uint32_t elements;
-            if (!take_u32(wire, &elements))
-                return refuse_end(wire, step, -1);
-            if (elements > step->length)
-                return refuse_count(wire->self, step, elements);
-            memcpy(message + step->count_at, &elements, sizeof elements);
-            count = elements;
-        } else if (step->run != 0 && has_numbers(wire, step->unit, step->run)) {
-            align(wire, step->unit, false);
-            take(wire, message + step->at, step->unit, step->run);
-            step += step->run_end;
-            continue;
-        }
-        if (!take_elements(wire, step, message + step->at, count))
-            return false;
+        const size_t each = step->what == MESSAGES  ? wire_most(step + 1, step + 1 + step->inner)
+                            : step->what == NUMBERS ? step->size
+                                                    : 2 * step->size + 12; /* padding, length or two numbers, UTF-8 */
+        most += 16 + element_count(step) * each;
     }
-    return true;
+    return most;
+}
+
+static bool has_arguments(Py_ssize_t count, Py_ssize_t expected)
+{
+    return count == expected || PyErr_Format(PyExc_TypeError, "%zd arguments, expected %zd", count, expected) != NULL;
+}
+
+/* to_wire(payload, is ROS 1, offset of the stamp or -1, now): return the serialized message. `now()` returns seconds
+ * and nanoseconds, which replace the stamp if it is zero. */
+PyObject *table_to_wire(PyObject *object, PyObject *const *arguments, Py_ssize_t count)
+{
+    const Table *self = (Table *)object;
+    Wire wire = {.self = self, .room = self->wire_most, .writes = true};
+    codec_buffer view;
+    PyObject *result = NULL;
+    unsigned char *buffer = NULL;
+    size_t head;
+    if (!has_arguments(count, 4))
+        return NULL;
+    wire.is_ros1 = PyObject_IsTrue(arguments[1]) != 0;
+    wire.stamp_at = PyLong_AsSsize_t(arguments[2]);
+    wire.now = arguments[3];
+    if (PyErr_Occurred() != NULL || PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
+        return NULL;
+    head = wire.is_ros1 ? 0 : 4;
+    if ((size_t)view.len != self->size) {
+        PyErr_SetString(PyExc_ValueError, "as many bytes as the message has");
+    } else if ((buffer = PyMem_Malloc(head + self->wire_most)) == NULL) {
+        PyErr_NoMemory();
+    } else {
+        memcpy(buffer, "\0\1\0\0", head); /* little-endian */
+        wire.payload = view.buf;
+        wire.bytes = buffer + head;
+        if (convert_fields(&wire, self->steps, self->steps + self->count, wire.payload))
+            result = PyBytes_FromStringAndSize((char *)buffer, (Py_ssize_t)(head + wire.at));
+    }
+    PyMem_Free(buffer);
+    PyBuffer_Release(&view);
+    return result;
 }
 
 /* from_wire(data, is ROS 1): return the payload as a bytearray. */
@@ -412,26 +343,26 @@ PyObject *table_from_wire(PyObject *object, PyObject *const *arguments, Py_ssize
     Wire wire = {.self = self};
     codec_buffer view;
     PyObject *result;
-    int is_ros1;
     bool is_complete;
     size_t head;
-    if (!has_arguments(count, 2) || (is_ros1 = PyObject_IsTrue(arguments[1])) < 0 ||
-        PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
+    if (!has_arguments(count, 2))
+        return NULL;
+    wire.is_ros1 = PyObject_IsTrue(arguments[1]) != 0;
+    if (PyErr_Occurred() != NULL || PyObject_GetBuffer(arguments[0], &view, PyBUF_SIMPLE) != 0)
         return NULL;
     result = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)self->size);
-    head = is_ros1 ? 0 : 4;
+    head = wire.is_ros1 ? 0 : 4;
     is_complete = result != NULL && (size_t)view.len >= head;
     if (is_complete) {
         const unsigned char *bytes = view.buf;
-        wire.is_ros1 = is_ros1;
         wire.bytes = (unsigned char *)view.buf + head;
         wire.room = (size_t)view.len - head;
         wire.payload = (unsigned char *)PyByteArray_AsString(result);
-        wire.swaps = !is_ros1 && bytes[1] == 0;
+        wire.swaps = !wire.is_ros1 && bytes[1] == 0;
         memset(wire.payload, 0, self->size);
-        is_complete = (is_ros1 || (bytes[0] == 0 && bytes[1] <= 1)) &&
-               decode_fields(&wire, self->steps, self->steps + self->count, wire.payload) &&
-               wire.room - wire.at <= (is_ros1 ? 0u : 3u);
+        is_complete = (wire.is_ros1 || (bytes[0] == 0 && bytes[1] <= 1)) &&
+               convert_fields(&wire, self->steps, self->steps + self->count, wire.payload) &&
+               wire.room - wire.at <= (wire.is_ros1 ? 0u : 3u);
     }
     PyBuffer_Release(&view);
     if (is_complete)

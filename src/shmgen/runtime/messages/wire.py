@@ -22,16 +22,15 @@ _REST = 3
 """Maximum number of padding bytes after a ROS 2 message, whose size is rounded up to a multiple of four."""
 
 
-def to_wire(kind: Any, payload: Any, ros1: bool, big: bool, stamp_at: int, now: Callable[[], tuple[int, int]]) -> bytes:
-    """Return a message as ROS serializes it. `payload` has the bytes of the message in a region.
+def to_wire(kind: Any, payload: Any, ros1: bool, stamp_at: int, now: Callable[[], tuple[int, int]]) -> bytes:
+    """Return a message as ROS serializes it, in little-endian. `payload` has the bytes of the message in a region.
 
-    `kind` is the class of the message. `big` selects big-endian. A zero time at byte `stamp_at` is replaced by the
-    seconds and nanoseconds that `now` returns. Raises ValueRejected if a value does not fit.
+    `kind` is the class of the message. A zero time at byte `stamp_at` is replaced by the seconds and nanoseconds that
+    `now` returns. Raises ValueRejected if a value does not fit.
     """
-    wire = _Writer(bytes(payload), ros1, ">" if big else "<", stamp_at, now, bytearray())
+    wire = _Writer(bytes(payload), ros1, stamp_at, now, bytearray())
     wire.message(kind, 0)
-    head = b"" if ros1 else bytes((0, not big, 0, 0))
-    return head + wire.out
+    return (b"" if ros1 else b"\0\1\0\0") + wire.out
 
 
 def from_wire(kind: Any, data: bytes, ros1: bool) -> bytearray:
@@ -54,7 +53,6 @@ def from_wire(kind: Any, data: bytes, ros1: bool) -> bytearray:
 class _Writer:
     payload: bytes
     ros1: bool
-    order: str
     stamp_at: int
     now: Callable[[], tuple[int, int]]
     out: bytearray
@@ -78,8 +76,7 @@ class _Writer:
         if step.kind == "bool":  # a PLC may have written any byte
             data = bytes(map(bool, data))
         if data:
-            self.put("", step.size)
-            self.out += _ordered(data, step.size, self.order)
+            self.put(f"{len(data)}s", step.size, data)
 
     def element(self, step: Step, at: int, index: int) -> None:
         data = self.payload[at : at + step.size]
@@ -103,7 +100,7 @@ class _Writer:
     def put(self, code: str, align: int, *values: Any) -> None:
         if not self.ros1:
             self.out += bytes(-len(self.out) % align)
-        self.out += struct.pack(self.order + code, *values)
+        self.out += struct.pack(f"<{code}", *values)
 
 
 @dataclass
@@ -138,7 +135,9 @@ class _Reader:
         if step.kind == "bool" and (wrong := data.translate(None, b"\0\1")):
             index = data.index(wrong[0]) if step.length else -1
             raise OutOfRange(place(step, index), "the byte is no bool")
-        self.out[at : at + len(data)] = _ordered(data, step.size, self.order)
+        if self.order == ">":  # swap the bytes without decoding them, so that a signalling NaN keeps all bits
+            data = b"".join(data[at : at + step.size][::-1] for at in range(0, len(data), step.size))
+        self.out[at : at + len(data)] = data
 
     def element(self, step: Step, at: int, index: int) -> None:
         path = place(step, index)
@@ -170,14 +169,6 @@ class _Reader:
         if self.at > len(self.data):
             raise OutOfRange(place(step, index), "the bytes end within it")
         return struct.unpack_from(self.order + code, self.data, start)
-
-
-def _ordered(data: bytes, size: int, order: str) -> bytes:
-    """Convert numbers of `size` bytes from little-endian to the byte order `order`, or back.
-
-    The bytes are swapped and not decoded, so that a signalling NaN keeps all bits.
-    """
-    return data if order == "<" else b"".join(data[at : at + size][::-1] for at in range(0, len(data), size))
 
 
 def _code_of(step: Step, ros1: bool) -> str:

@@ -88,19 +88,15 @@ def open_region(of: Settings, writes: bool = False) -> Generator[int, None, Regi
     raise checks.file_vanishes_error(region_file(name))
 
 
-def open_event(of: Settings) -> Generator[int, None, Semaphore]:
-    """Open or create the semaphore that wakes a waiting reader. Raises PermissionDenied and RegionUnusable."""
-    return (yield from open_semaphore(of, event_name(region_name(of.topic)), 0))
-
-
 def look_at(of: Settings) -> Generator[int, None, None]:
     """Open all files of a topic and close them again, so that a file that cannot be opened raises a typed error.
 
-    Raises the errors of open_region() and open_event().
+    The files are the region, its lock, and the semaphore that wakes a waiting reader. Raises the errors of
+    open_region().
     """
     (yield from open_region(of)).close()
     if not of.passive:
-        (yield from open_event(of)).close()
+        (yield from open_semaphore(of, event_name(region_name(of.topic)), 0)).close()
 
 
 def open_semaphore(of: Settings, name: str, value: int) -> Generator[int, None, Semaphore]:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
+import mmap
+import os
+import sys
 import time
 from collections.abc import Generator
 from typing import Any
@@ -9,7 +13,6 @@ from typing import Any
 from shmgen.core import abi
 from shmgen.runtime.messages.steps import has_table
 from shmgen.runtime.messages.walker import encode
-from shmgen.runtime.reference.bell import ring
 from shmgen.runtime.reference.claim import claim
 from shmgen.runtime.reference.end import End, NotOpenYet
 from shmgen.runtime.reference.lock import LOCK_TIMEOUT, Lock
@@ -22,6 +25,10 @@ from shmgen.runtime.region.settings import UNTIL_RECOVERED
 
 _POLL = abi.POLL_MS / 1000
 """Seconds between two steps of reopening a removed region."""
+_FUTEX = {"x86_64": 202, "aarch64": 98, "riscv64": 98}.get(os.uname().machine) if sys.maxsize > 2**32 else 240
+"""The system call number of futex(2) (asm/unistd.h), or None if unknown here: then sleepers wake by their timeout."""
+_WAKE = 1
+_ALL = 2**31 - 1
 
 
 class Writer(End):
@@ -139,3 +146,10 @@ class Writer(End):
         lost = claim_lost(self.of.topic, who)
         self._release(lost)
         raise lost
+
+
+def ring(map: mmap.mmap) -> None:
+    """Wake all readers that wait for a new sample of the mapped region. Such readers sleep on the field `bell`."""
+    if _FUTEX is not None:
+        word = ctypes.c_uint32.from_buffer(map, 4 * h.BELL)
+        ctypes.CDLL(None).syscall(ctypes.c_long(_FUTEX), ctypes.byref(word), _WAKE, _ALL, None, None, 0)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from functools import partial
 from types import TracebackType
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from shmgen.core import abi
 
@@ -124,14 +124,6 @@ class CallEnd(Closable):
         return self._calls.incoming.engine_end
 
 
-class End(Protocol):
-    """An endpoint, the writer or reader of a region, in the C engine or in the Python engine."""
-
-    def step(self) -> int | None: ...
-    def close(self) -> None: ...
-    def close_in_child(self) -> None: ...
-
-
 def close_after_fork(resource: Any) -> Any:
     """Register `resource`, an endpoint, file or map, to be closed in each forked child. Return `resource`.
 
@@ -142,12 +134,14 @@ def close_after_fork(resource: Any) -> Any:
     return resource
 
 
-def finish(ends: Iterable[End]) -> None:
-    """Complete the opening of all endpoints concurrently. Raises the error of the first that cannot be opened.
+def finish(ends: Iterable[Any]) -> None:
+    """Complete the opening of all writers and readers of the engine concurrently.
+
+    Raises the error of the first that cannot be opened.
 
     After an exception, also of a signal handler, close the endpoints that are not open yet, so that no claim remains.
     """
-    waiting: dict[End, int | None] = dict.fromkeys(ends)
+    waiting: dict[Any, int | None] = dict.fromkeys(ends)
     try:
         _step_until_open(waiting)
     except BaseException:
@@ -156,7 +150,7 @@ def finish(ends: Iterable[End]) -> None:
         raise
 
 
-def _step_until_open(waiting: dict[End, int | None]) -> None:
+def _step_until_open(waiting: dict[Any, int | None]) -> None:
     while waiting:
         moved = False
         for end, before in list(waiting.items()):

@@ -12,10 +12,9 @@ from typing import Any
 from shmgen.bridge.backend import (
     Answer,
     Backend,
-    MessageSink,
+    ErrorSink,
     NoAnswer,
     Node,
-    Refuse,
     RosClient,
     RosPublisher,
     RosSubscription,
@@ -51,9 +50,9 @@ def connect(node: Node) -> Memory | None:
 class Inlet:
     """A subscription: a queue, and one thread that empties it, so that messages keep their order."""
 
-    def __init__(self, wire: Wire, codec_: Codec, sink: MessageSink) -> None:
+    def __init__(self, wire: Wire, codec_: Codec, take: Callable[[Any], None], errors: ErrorSink) -> None:
         self.waiting: queue.Queue[bytes | None] = queue.Queue(wire.queue)
-        self._codec, self._sink, self._largest = codec_, sink, wire.largest
+        self._codec, self._take, self._errors, self._largest = codec_, take, errors, wire.largest
         self.thread = threading.Thread(target=self._run, daemon=True)
         self.thread.start()
 
@@ -65,14 +64,14 @@ class Inlet:
                 return
             except queue.Full:
                 self.waiting.get()
-                self._sink.lose(1)
+                self._errors.lose(1)
 
     def _run(self) -> None:
         while (data := self.waiting.get()) is not None:
             if len(data) > self._largest:
-                self._sink.reject(f"{len(data)} bytes do not fit the region")
+                self._errors.reject(f"{len(data)} bytes do not fit the region")
             else:
-                self._sink.take(self._codec.decode(data))
+                self._take(self._codec.decode(data))
 
 
 class Memory(Backend):
@@ -99,9 +98,9 @@ class Memory(Backend):
 
         return RosPublisher(made.new, send)
 
-    def subscribe(self, wire: Wire, sink: MessageSink) -> RosSubscription:
+    def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         made, topic = codec(wire.messages), TOPICS[wire.name]
-        inlet = Inlet(wire, made, sink)
+        inlet = Inlet(wire, made, take, errors)
         with topic.lock:
             for data in topic.latched.values():
                 inlet.put(data)
@@ -117,7 +116,7 @@ class Memory(Backend):
         self._ends_with(unsubscribe)
         return RosSubscription(made.new)
 
-    def serve(self, wire: ServiceWire, answer: Answer, refuse: Refuse) -> None:
+    def serve(self, wire: ServiceWire, answer: Answer, errors: ErrorSink) -> None:
         SERVICES[wire.name] = wire, answer
         self._ends_with(lambda: SERVICES.pop(wire.name, None))
 
