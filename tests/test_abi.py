@@ -181,7 +181,7 @@ def test_abi_module_matches_the_agreed_tables() -> None:
 
 @pytest.mark.parametrize(
     ("offset", "type_", "reason"),
-    [(178, "u32", "cannot lie at 178"), (170, "u16", "172 bytes are taken"), (192, "u32", "end cannot lie at 192")],
+    [(178, "u32", "at 178 is misaligned"), (170, "u16", "before byte 172"), (192, "u32", "end at 192 is")],
 )
 def test_overlapping_header_fields_are_rejected(offset: int, type_: str, reason: str) -> None:
     words = sorted([*abi.HEADER, HeaderField(offset, type_, "more", "udiMore", "", "")])

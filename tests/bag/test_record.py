@@ -251,7 +251,7 @@ def test_unrecordable_topic_is_logged_once_and_others_recorded(topic, registry, 
     assert recorder.failed
     (logged,) = recorder.logged
     assert logged.startswith(
-        f"{topic}x: not recorded: geometry_msgs/msg/Pose has another layout in the region than here"
+        f"{topic}x: not recorded: the region has another layout of geometry_msgs/msg/Pose than this"
     )
     assert recorder.figures.samples == 1
 

@@ -415,7 +415,7 @@ def test_list_marks_default_bounds(folder: Path) -> None:
     write(folder, {"shmgen.toml": 'path = ["msgs"]\n[bounds]\ndefault = 32\n"demo_msgs/Robot.b" = 8\n'})
     output = run_ok(folder, "list demo_msgs")
     assert "bytes  * demo_msgs/Robot.arms\n" in output
-    assert "2 of 2 can be generated.\n* of 32 by [bounds] default\n" in output
+    assert "2 of 2 can be generated.\n* bound 32 from the key default under [bounds]\n" in output
     assert json.loads(run_ok(folder, "list demo_msgs/Robot --json"))[0]["defaulted"] == ["demo_msgs/Robot.arms"]
     assert "Arm[<=32]" in run_ok(folder, "show demo_msgs/Robot")
     write(folder, {"shmgen.toml": "[bounds]\ndefault = 0\n"})

@@ -70,7 +70,7 @@ def test_init_does_not_write_through_symlinks(tmp_path: Path) -> None:
     (tmp_path / "here" / "shmgen.toml").symlink_to(tmp_path / "elsewhere" / "new.toml")
     (tmp_path / "here" / ".github").symlink_to(tmp_path / "elsewhere")
     result = run(["init", "--ci", "--from", "shmgen"], tmp_path / "here")
-    assert (result.code, result.stdout.partition(",")[0]) == (1, "shmgen.toml is there")
+    assert (result.code, result.stdout.partition(",")[0]) == (1, "shmgen.toml exists already")
     assert "cannot write: .github is a symbolic link" in result.stderr
     assert not list((tmp_path / "elsewhere").iterdir())
 

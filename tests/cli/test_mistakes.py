@@ -75,7 +75,7 @@ CONFIGURATIONS = [
     (FOO_ONLY + 'path = ["msgs"]\n', "3:", "SHM503", "this key is set twice"),
     (FOO_ONLY + 'targets = ["pyhton"]\n', "3:1", "SHM502", "did you mean python?"),
     (FOO_ONLY + "[bounds]\ndemo_msgs/Foo.x = 4\n", "4:10", "SHM503", "put a key with a slash in quotes"),
-    ('[bounds]\nmessages = ["demo_msgs"]\n', "2:1", "SHM502", "move it above [bounds]"),
+    ('[bounds]\nmessages = ["demo_msgs"]\n', "2:1", "SHM502", "move this key above [bounds]"),
     (FOO_ONLY + TOPIC.replace("[[topics]]", "[[topic]]"), "3:3", "SHM501", "did you mean topics?"),
 ]
 COMMANDS = [

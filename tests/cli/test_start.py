@@ -37,7 +37,7 @@ def test_init_lists_packages_and_unbounded_sequences(tmp_path: Path) -> None:
     write(tmp_path, PACKAGES)
     assert run_init(tmp_path).splitlines() == [
         "shmgen.toml written",
-        "found demo_msgs, robot_msgs; 3 sequences hold at most 32, unless [bounds] says otherwise",
+        "found demo_msgs, robot_msgs; 3 sequences hold at most 32 elements (see [bounds] in shmgen.toml)",
         "",
         "next:",
         "  shmgen generate",
@@ -72,7 +72,7 @@ def test_init_reads_a_catkin_package_as_ros1(tmp_path: Path) -> None:
 
 def test_init_in_an_empty_folder(tmp_path: Path) -> None:
     output = run_init(tmp_path)
-    assert "no message package is in this folder" in output
+    assert "this folder has no message package" in output
     assert output.endswith("next:\n  shmgen list\n  shmgen generate\n")
     assert "error[SHM504]" in run(["generate"], tmp_path).stderr
 
@@ -82,7 +82,7 @@ def test_init_keeps_an_existing_configuration(tmp_path: Path, path: str) -> None
     write(tmp_path, {**PACKAGES, path: "[tool.shmgen]\n", init.HOOK_FILE: "repos: []\n", init.CI_FILE: "name: CI\n"})
     before = tree(tmp_path)
     output = run_init(tmp_path, "--hook", "--ci", "--from", SOURCE)
-    assert f"{path} has a configuration, and is left as it is" in output
+    assert f"{path} already has a configuration and was not changed" in output
     assert init.HOOK in output
     assert init.CI.format(requirement=SOURCE) in output
     assert tree(tmp_path) == before
@@ -118,7 +118,7 @@ def test_ci_cannot_install_a_local_folder(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(init, "requirement", lambda: None)
     result = run(["init", "--ci"], tmp_path)
     assert result.code == 2
-    assert "--from 'shmgen[idl] @ git+https://" in result.stderr
+    assert "such as 'shmgen[idl] @ git+https://" in result.stderr
     assert not tree(tmp_path)
 
 

@@ -71,7 +71,7 @@ def test_commands_work_without_modules_of_linux(tmp_path: Path) -> None:
     assert codes == [*expected, *(f"[1] {command}" for command in live)], process.stderr
     assert tree(windows) == tree(linux), "both write the same bytes"
     errors = [line for line in process.stderr.splitlines() if "/dev/shm" in line]
-    place = "works on regions in /dev/shm, which only Linux has"
+    place = "needs shared memory in /dev/shm, which exists only on Linux"
     assert errors == [f"command line: error[SHM702]: `shmgen {command.split()[0]}` {place}" for command in live]
 
 

@@ -174,7 +174,7 @@ def test_requests_keep_their_places(tmp_path: Path) -> None:
         ("[[services]]\nservice = '/a'\ntype = 'a/B'\ntimeout = 0", "SHM502", 4, 1, 7, "from 0.001 to 86400"),
         ("[[services]]\nservice = '/a'\ntype = 'a/B'\ntimout = 1", "SHM501", 4, 1, 6, "did you mean timeout?"),
         ("[[services]]\nservice = '/a-b'\ntype = 'a/B'", "SHM502", 2, 1, 7, "letters, digits and _"),
-        (f"[[services]]\nservice = '/{66 * 'a'}'\ntype = 'a/B'", "SHM502", 2, 1, 7, "more than 65"),
+        (f"[[services]]\nservice = '/{66 * 'a'}'\ntype = 'a/B'", "SHM502", 2, 1, 7, "only 65 and a suffix"),
         ("[[actions]]\naction = '/a'\ntype = 'B'", "SHM502", 3, 1, 4, "is not an action"),
         ("[[actions]]\naction = '/a'\ntype = 'a/B'\ndepth = 1", "SHM501", 4, 1, 5, "unknown key depth"),
         ("messages = [", "SHM503", 1, 13, 1, ""),

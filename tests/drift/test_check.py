@@ -123,7 +123,7 @@ def test_files_unknown_to_a_new_lock_are_reported_and_kept(folder: Path) -> None
     generate_result = run(["generate"], folder)
     assert generate_result.code == 0
     leftover = "generated/c/shm_msgs/demo_msgs/msg/robot.h"
-    assert f"{leftover}: not in layout.lock, so it is left over: delete it" in generate_result.stdout
+    assert f"{leftover}: not in layout.lock: delete this file" in generate_result.stdout
     assert (folder / leftover).is_file()
     result = check(folder)
     assert result.code == 1

@@ -169,7 +169,7 @@ def test_session_returns_the_layouts_of_the_pipeline(folder: Path) -> None:
     registry = ClassRegistry(session, None)
     pair = [registry.message(f"cell_msgs/srv/Ask_{half}", None, "cell_msgs/srv/Ask") for half in ("Request", "Reply")]
     assert [kind._type_name_ for kind in pair] == ["cell_msgs/srv/Ask_Request", "cell_msgs/srv/Ask_Reply"]
-    with pytest.raises(ValueError, match="cell_msgs/Ask is 3 messages"):
+    with pytest.raises(ValueError, match="cell_msgs/Ask has 3 messages"):
         registry.message("cell_msgs/Ask")
 
 

@@ -200,7 +200,7 @@ def test_programs_of_own_sources_are_added_and_called(tmp_path: Path) -> None:
         ("\n  PROGRAM A\nEND_PROGRAM\nPROGRAM a\n", "cell.st:4:9: error[SHM203]: two programs are called a"),
         (
             "CONFIGURATION Mine\nEND_CONFIGURATION\n",
-            "cell.st:1:15: error[SHM203]: Mine is a CONFIGURATION, and shmgen generates one",
+            "cell.st:1:15: error[SHM203]: Mine is a CONFIGURATION, but shmgen generates one",
         ),
         ("(* caf\xe9 *)\n", "cell.st:1:7: error[SHM002]: byte 0xE9 is not UTF-8"),
         (None, "cell.st: error[SHM001]: cannot read: No such file or directory"),

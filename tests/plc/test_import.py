@@ -317,7 +317,7 @@ def test_unverified_types_are_listed(tmp_path: Path) -> None:
         "ST_C  some_msgs/C, 8 bytes, not verified",
         "",
         "3 of 3 data types are messages in msgs/some_msgs",
-        "not verified: the bytes of an empty structure; compare SIZEOF",
+        "not verified: the size of an empty structure; compare SIZEOF in the PLC",
     ]
 
 
@@ -333,7 +333,7 @@ def test_generated_members_have_their_plc_names(tmp_path: Path) -> None:
 
 
 def test_bit_type_gets_its_own_hint(tmp_path: Path) -> None:
-    assert "hint: share its byte" in import_st(tmp_path, a="TYPE A : STRUCT x : BIT; END_STRUCT END_TYPE\n").stderr
+    assert "hint: declare the whole" in import_st(tmp_path, a="TYPE A : STRUCT x : BIT; END_STRUCT END_TYPE\n").stderr
 
 
 def test_import_does_not_write_through_symlinks(tmp_path: Path) -> None:

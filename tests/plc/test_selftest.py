@@ -218,7 +218,7 @@ def test_selftest_command_writes_files_for_an_ide(tmp_path: Path, task: Running)
     command = [sys.executable, "-m", "shmgen", "selftest", "--wait", "0.2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("PLC: selftest/plcopen/import_shmgen.py")
+    assert done.stdout.startswith("PLC: load selftest/plcopen/import_shmgen.py")
     keys = [line.split()[0] for line in done.stdout.splitlines() if " not measured" in line]
     assert keys == ["task", *selftest.CHECKS]
     project = (tmp_path / "selftest/plcopen/shmgen.xml").read_text()

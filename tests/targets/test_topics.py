@@ -192,7 +192,7 @@ def test_identifiers_of_topics(tmp_path: Path, name: str, identifier: str) -> No
         (topic("/robot/pose") + topic("/robot_pose"), "SHM203", 6, "both become `robot_pose`"),
         (topic("/step") + topic("/Step_"), "SHM203", 6, "ignores case"),
         (topic("/a/b") + service("/a_b"), "SHM203", 6, "topic /a/b and service /a_b both become `a_b`"),
-        (service("/" + 66 * "a"), "SHM502", 2, "66 characters, more than 65"),
+        (service("/" + 66 * "a"), "SHM502", 2, "66 characters, but only 65 and"),
         (topic("/a/"), "SHM502", 2, "single slashes"),
         (topic("/a b"), "SHM502", 2, "letters"),
         (topic("/\u00e4"), "SHM502", 2, "letters"),

@@ -88,7 +88,7 @@ def test_invalid_arguments_are_refused_before_a_region_exists(folder, shmgen, to
         (("cell_msgs/Start", "{batch: many}"), "batch: 'many' is str"),
         (("cell_msgs/Start", "{off: true}"), "off: no such field in cell_msgs/srv/Start_Request"),
         (("cell_msgs/Start", "{off"), "; write YAML or JSON, in quotes"),
-        (("Start",), "Start names no service: write package/Name"),
+        (("Start",), "Start is not a service type: write package/Name"),
         (("std_msgs/Bool",), "std_msgs/Bool is a message, not a service; `shmgen pub` publishes it"),
         (("std_msgs/Boot",), "unknown message type `std_msgs/srv/Boot`"),
     ):
@@ -117,7 +117,7 @@ def test_call_refuses_a_server_with_another_layout(running_server, shmgen, topic
     (folder / "shmgen.toml").write_text('path = ["."]\n')
     result = shmgen("call", topic, "cell_msgs/Start", "{on: true}")
     assert result.code == 1
-    assert "cell_msgs/srv/Start_Reply has another layout in the region than here" in result.stderr
+    assert "the region has another layout of cell_msgs/srv/Start_Reply than this" in result.stderr
 
 
 def test_doctor_compares_service_regions_with_shmgen_toml(folder, shmgen, topic):

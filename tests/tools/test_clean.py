@@ -215,4 +215,4 @@ finally:
 def test_clean_requires_topics_or_all(shmgen):
     for arguments in ((), ("--all", "/a")):
         result = shmgen("clean", *arguments)
-        assert (result.code, "Name topics, or --all" in result.stderr) == (2, True)
+        assert (result.code, "Give topics or --all" in result.stderr) == (2, True)

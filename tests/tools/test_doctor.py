@@ -324,7 +324,7 @@ def test_region_only_in_a_container_is_reported_if_named(topic, shmgen, containe
         (0, 1, False, "its lock has been held by process {holder} ("),
         (0, 0, True, "its lock has been held by process {holder}, which is dead, for 1."),
         (1, 1, True, ""),
-        (2, 0, True, "the value of its semaphore is 2: so many processes can hold the lock at once"),
+        (2, 0, True, "the value of its semaphore is 2, so 2 processes can hold the lock at once"),
     ],
 )
 @pytest.mark.family("[0-0-True")
@@ -373,7 +373,7 @@ def test_process_of_other_bitness_is_a_fault(topic, file, tmp_path, shmgen, peer
     assert fault["process"] == small.pid
     is_suggested = 'write sync = "sequence" under [regions]' in fault["hint"]
     assert is_suggested == (barrier or machine == "x86_64")
-    assert is_suggested or "run programs of one bitness on both sides" in fault["hint"]
+    assert is_suggested or "run only 32-bit or only 64-bit programs" in fault["hint"]
     with nullcontext() if is_suggested else pytest.raises(RegionUnusable, match=f"sequence.*{machine}"):
         kind = type("Lockless", (Pose,), {"_regions_": RegionOptions(sync="sequence")})
         type("LocklessSubscriber", (Subscriber,), {"message_type": kind})(f"{topic}_sequence").close()
@@ -415,7 +415,7 @@ def test_user_without_permission_gets_advice(topic, file, shmgen):
     assert clean_result.code == 1
     assert f"{file} belongs to root:root with mode 660" in clean_result.stderr
     for text in errors[:2]:
-        assert re.search(r"\d+ regions? that this user may not read; `shmgen doctor` says what to do", text)
+        assert re.search(r"this user may not read \d+ regions?; `shmgen doctor` shows how to fix this", text)
         assert "no regions" not in text
     assert f"did you mean {topic}?" in errors[2]
 
@@ -440,7 +440,7 @@ def test_wrong_mode_of_dev_shm_is_a_fault(mode, tmp_path):
     assert process.returncode == 1
     if mode == "700":
         stderr = subprocess.run([*command, "topics"], capture_output=True, text=True, check=False).stderr
-        assert "this user may not look into /dev/shm; `shmgen doctor` says what to do" in stderr
+        assert "this user may not list /dev/shm; `shmgen doctor` shows how to fix this" in stderr
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ def test_pub_fills_in_defaults_and_the_present_time(topic, shmgen):
         ("geometry_msgs/Pose", "{position: 3}", "position: 3 is int, not the fields of"),
         ("geometry_msgs/Pose", "{position: {x: far}}", "position.x: 'far' is str, not float64"),
         ("std_msgs/Int32", "{data: 3000000000}", "data: 3000000000; int32 goes from"),
-        ("std_msgs/Float64", "{data: 1e999}", "1e999 is too large for float64; infinity is written .inf"),
+        ("std_msgs/Float64", "{data: 1e999}", "1e999 is too large for float64; write infinity as .inf"),
         ("std_msgs/Float64", '{"data": -1e999}', "-1e999 is too large for float64"),
         ("std_msgs/Float64", f"{{data: 1{400 * '0'}}}", "is too large for float64"),
         ("std_msgs/ColorRGBA", "{r: 1e300}", "r: 1e+300 is too large for float32"),
@@ -233,7 +233,7 @@ def test_pub_and_echo_accept_messages_of_a_folder(topic, tmp_path, shmgen):
     (folder.parent / "srv").mkdir()
     (folder.parent / "srv" / "Go.srv").write_text("int32 there\n---\n")
     assert (
-        "demo_msgs/Go is 3 messages, and a topic carries one"
+        "demo_msgs/Go has 3 messages, but a topic carries one"
         in shmgen("pub", topic, "demo_msgs/Go", "-I", "msgs").stderr
     )
     unknown = shmgen("echo", topic, "--once")

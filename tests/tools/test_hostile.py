@@ -86,8 +86,8 @@ def test_escape_sequences_in_a_value_are_escaped(topic, shmgen):
         (28, struct.pack("<I", 3), "the number of slots is 3"),
         (28, struct.pack("<I", 2**31), "need 549,755,814,080"),
         (20, struct.pack("<I", 2**32 - 1), "need 17,179,869,372"),
-        (20, struct.pack("<I", 0), "its slots of 0 bytes are too small for 56 + 16"),
-        (16, struct.pack("<I", 2**32 - 1), "its slots of 128 bytes are too small for 4294967295 + 16"),
+        (20, struct.pack("<I", 0), "its slots have 0 bytes, too few for 56 + 16"),
+        (16, struct.pack("<I", 2**32 - 1), "its slots have 128 bytes, too few for 4294967295 + 16"),
         (4, struct.pack("<H", 7), "ABI 7"),
     ],
 )

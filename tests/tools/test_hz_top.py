@@ -60,7 +60,7 @@ def test_delay_uses_the_stamps_of_the_samples():
     report = reports.delay(reports.Window("/any", samples, 0, header, "stamp"))
     assert (report.mean, report.shortest, report.longest, report.deviation, report.window) == (0.5, 0.25, 0.75, 0.25, 2)
     assert reports.delay(reports.Window("/any", samples[:1], 0, header, "stamp")) is None
-    with pytest.raises(ValueError, match="/any: its type has no stamp, and its writer has no clock"):
+    with pytest.raises(ValueError, match="/any: its messages have no time stamp, and its writer stores no time"):
         reports.delay(reports.Window("/any", samples[:1], 0, header, "the writer's stamp"))
 
 

@@ -383,7 +383,7 @@ class Server:
         self.process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
         self.url = self.process.stdout.readline().strip()
         self.address, _, self.token = self.url.partition("/?token=")
-        assert self.process.stdout.readline() == "Ctrl-C ends it\n"
+        assert self.process.stdout.readline() == "Ctrl-C stops the server\n"
 
     def next_url(self):
         """Return the address for another browser, which the server prints after the former address was used."""

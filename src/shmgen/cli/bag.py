@@ -70,7 +70,7 @@ def record(
     from shmgen.live import regions
 
     if everything == bool(topics):
-        raise click.UsageError("Name topics, or --all; `shmgen topics` lists what there is.")
+        raise click.UsageError("Give topics or --all; `shmgen topics` lists the existing topics.")
     folder = output or Path(time.strftime("shmgen_%Y_%m_%d-%H_%M_%S"))
     registry = common.registry(source)
     chosen = None if everything else topics
@@ -85,7 +85,7 @@ def record(
         try:
             recorder.run(stopping, duration)
         except OSError as error:
-            rest = f"{counted(bag.samples, 'sample')} are in it and can be read"
+            rest = f"{counted(bag.samples, 'sample')} were stored before and can be read"
             message = f"cannot write: {error.strerror or error}; {rest}"
             hint = "free space on the disk, and record into another folder"
             raise Rejected([Diagnostic("SHM007", message, Span(str(folder)), hint=hint)]) from error

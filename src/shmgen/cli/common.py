@@ -157,7 +157,7 @@ _HINTS = {
     "SHM703": "start the server, and look for its regions with `shmgen topics`",
     "SHM704": "`shmgen show TYPE` lists the fields of a message and their types",
     "SHM705": "name a folder or an .mcap file that `shmgen record` or `ros2 bag record` has written",
-    "SHM706": "install what is missing",
+    "SHM706": "install the missing package",
 }
 
 

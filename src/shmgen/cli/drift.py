@@ -150,7 +150,7 @@ def init(hook: bool, ci: bool, origin: str | None) -> None:
     if requirement is None:
         reason = "--ci: this shmgen was installed from a folder, which a CI machine does not have"
         raise click.UsageError(
-            f"{reason}; add --from 'shmgen[idl] @ git+https://HOST/shmgen', or whatever pip is to install there"
+            f"{reason}; add --from and the package that pip installs in CI, such as 'shmgen[idl] @ git+https://HOST/shmgen'"
         )
     configuration, advice = init.propose(Path.cwd())
     files = {"shmgen.toml": configuration} if configuration else {}
@@ -159,7 +159,7 @@ def init(hook: bool, ci: bool, origin: str | None) -> None:
     for path, text in files.items():
         file = Path(path)
         if os.path.lexists(file):
-            click.echo(f"{path} is there, and left as it is; this would be its content:\n\n{text}")
+            click.echo(f"{path} exists already, and was not changed; this would be its content:\n\n{text}")
         else:
             try:
                 for parent in (file.parent, *file.parent.parents):
@@ -172,7 +172,7 @@ def init(hook: bool, ci: bool, origin: str | None) -> None:
             click.echo(f"{path} written")
     click.echo("\n".join(advice))
     if hook:
-        click.echo("  pre-commit install    once in each clone; to have it: pipx install pre-commit")
+        click.echo("  pre-commit install    once in each clone; `pipx install pre-commit` installs the command")
 
 
 COMMANDS = (check, diff, init)

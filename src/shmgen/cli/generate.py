@@ -117,7 +117,7 @@ def generate(
     if not quiet:
         listed = names_in(output, [*texts, *(f"{key}/" for key in KEYS)])
         for stray in unlisted(output, texts, listed):
-            click.echo(f"{output / stray}: not in layout.lock, so it is left over: delete it, or keep it elsewhere")
+            click.echo(f"{output / stray}: not in layout.lock: delete this file, or move it to another folder")
     files = [*(os.path.join(output, path) for path in texts), *map(str, locks)]
     if depfile and opened:
         files.append(str(depfile))
@@ -191,7 +191,7 @@ def _of_digest(digest: int, source: options.Source) -> Layouts:
     """
     if not options.HAS_REGIONS:
         hint = "run it on the Linux machine where the PLC runs"
-        message = "a digest is searched for in /dev/shm, which only Linux has"
+        message = "shmgen finds digests in /dev/shm, which exists only on Linux"
         raise Rejected([Diagnostic("SHM702", message, Span("command line"), hint=hint)])
     from shmgen.cli import common
 

@@ -74,7 +74,7 @@ def propose(folder: Path) -> tuple[str, tuple[str, ...]]:
     Rejected if a definition is invalid.
     """
     if there := configuration.find(folder):
-        return "", (f"{there.name} has a configuration, and is left as it is", "", *_next(True))
+        return "", (f"{there.name} already has a configuration and was not changed", "", *_next(True))
     report = Report()
     packages = {
         name: same_named for name, same_named in catalogue(folder, folder, report).items() if same_named[0].definitions
@@ -110,8 +110,8 @@ def _text(packages: list[str], places: list[str], source: str, missing: list[str
     ]
     if missing:
         lines += [
-            f"default = {DEFAULT}  # elements that a sequence without a bound of its own may hold",
-            "# For some of them another: put a number behind `=`, and take the `#` away.",
+            f"default = {DEFAULT}  # maximum number of elements of a sequence without a bound of its own",
+            "# To set another bound for a sequence, remove the `#` of its line, and write a number after `=`.",
         ]
         lines += [f"# {json.dumps(key)} =" for key in missing]
     return "\n".join(lines) + "\n"
@@ -119,9 +119,9 @@ def _text(packages: list[str], places: list[str], source: str, missing: list[str
 
 def _summary(packages: Collection[str], missing: Collection[str]) -> str:
     if not packages:
-        return "no message package is in this folder: name messages in shmgen.toml, `shmgen list` prints what there is"
+        return "this folder has no message package: list messages in shmgen.toml; `shmgen list` prints the known ones"
     holds = "1 sequence holds" if len(missing) == 1 else f"{len(missing)} sequences hold"
-    bound_text = f"; {holds} at most {DEFAULT}, unless [bounds] says otherwise" if missing else ""
+    bound_text = f"; {holds} at most {DEFAULT} elements (see [bounds] in shmgen.toml)" if missing else ""
     return f"found {', '.join(sorted(packages))}{bound_text}"
 
 

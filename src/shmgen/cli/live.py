@@ -54,7 +54,7 @@ def clean(topics: tuple[str, ...], everything: bool, force: bool, dry_run: bool)
     from shmgen.tools.doctor import clean as tool
 
     if everything == bool(topics):
-        raise click.UsageError("Name topics, or --all; `shmgen doctor` lists what there is.")
+        raise click.UsageError("Give topics or --all; `shmgen doctor` lists the existing topics.")
     around = processes.look()
 
     def leftovers(topic: str) -> list[str]:

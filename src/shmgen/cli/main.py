@@ -78,7 +78,7 @@ def _no_access(error: Exception) -> Diagnostic | None:
 
 
 def _internal_error(error: Exception) -> Diagnostic:
-    hint = "this is a fault of shmgen, not of your input: run again with SHMGEN_DEBUG=1 and report what it prints"
+    hint = "this is a bug in shmgen, not an error in your input: run again with SHMGEN_DEBUG=1 and report the output"
     return Diagnostic("SHM901", f"{type(error).__name__}: {error}", Span("shmgen"), hint=hint)
 
 
@@ -157,7 +157,7 @@ _LIVE_MODULES = ("bridge", "live", "look", "bag", "view")
 
 def _linux_only(name: str) -> click.Command:
     """Return a substitute for the command `name` on a machine without /dev/shm. It only reports that reason."""
-    message = f"`shmgen {name}` works on regions in /dev/shm, which only Linux has"
+    message = f"`shmgen {name}` needs shared memory in /dev/shm, which exists only on Linux"
     hint = "run it on the Linux machine where the PLC runs"
 
     @click.command(

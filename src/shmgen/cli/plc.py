@@ -48,7 +48,7 @@ def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bo
         report.stop_if_any()
     imported = messages.messages(project, package, report)
     if not imported.rows:
-        hint = "export the data types (DUTs) too; function blocks and programs hold none"
+        hint = "export the data types (DUTs) too; function blocks and programs contain no data types"
         report.error("SHM504", "no data types are in it", Span(str(files[0])), hint=hint)
     if not (skip and imported.texts):
         report.stop_if_any()
@@ -61,10 +61,8 @@ def import_(files: tuple[Path, ...], package: str | None, output: Path, skip: bo
     usable = sum(bool(row.message) for row in imported.rows)
     click.echo(f"\n{usable} of {len(imported.rows)} data types are messages in {(output / package).as_posix()}")
     if not all(row.sure or row.verified_by for row in imported.rows):
-        click.echo("not verified: the bytes of an empty structure; compare SIZEOF")
-    click.echo(
-        f'use them: path = ["{output.as_posix()}"] in shmgen.toml, and below [types] bool = "BOOL", as they have it'
-    )
+        click.echo("not verified: the size of an empty structure; compare SIZEOF in the PLC")
+    click.echo(f'to use them, write path = ["{output.as_posix()}"] in shmgen.toml, and bool = "BOOL" under [types]')
 
 
 def _package(file: Path) -> str:
@@ -104,7 +102,7 @@ def selftest(folder: Path, openplc: bool, write: bool, wait: float) -> None:
     last = max(texts_by_path)
     put(folder, texts_by_path, (), last, current(folder, last))
     loaded = "matiec/upload.st" if openplc else "plcopen/import_shmgen.py, or import shmgen.xml beside it"
-    click.echo(f"PLC: {(folder / loaded).as_posix()}, then start it")
+    click.echo(f"PLC: load {(folder / loaded).as_posix()}, then start the PLC")
     if write or not options.HAS_REGIONS:
         click.echo("then, on the Linux machine of the runtime: shmgen selftest")
         return
@@ -118,7 +116,7 @@ def _other_side(settings: Config, wait: float) -> int:
     from shmgen.tools import selftest as tool
 
     def tell(step: str) -> None:
-        click.echo(f"  {step} ({wait:g} s, or it is left out)", err=True)
+        click.echo(f"  {step} (within {wait:g} s, or this step is skipped)", err=True)
 
     click.echo(f"\nshmgen {__version__}, ABI {abi.ABI}; {tool.head()}\nPLC: (device, version of CODESYS or OpenPLC)")
     partner, worst = tool.Partner(Session(settings), wait, tell), 0

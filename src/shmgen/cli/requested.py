@@ -93,6 +93,6 @@ def _at_request(
     if request in written:
         return diagnostic._replace(span=written[request])
     if request in earlier:
-        hint = f"an earlier run requested it: name its folder or file again, or delete {output}/ and generate again"
+        hint = f"an earlier run requested this: give its folder or file again, or delete {output}/ and generate again"
         return diagnostic._replace(span=earlier[request], hint=f"{diagnostic.hint}\n{hint}")
     return diagnostic

@@ -76,9 +76,9 @@ def view(
     words += [word for folder in source.include for word in ("-I", str(folder))]
 
     page = Page(shlex.join(words), listening, click.echo)
-    click.echo(f"{page.address}\nCtrl-C ends it")
+    click.echo(f"{page.address}\nCtrl-C stops the server")
     if opens and click.launch(page.create_redirect_file()):
-        common.note("no browser could be started: xdg-open is missing; open the address")
+        common.note("cannot start a browser, because xdg-open is missing; open the address yourself")
     page.serve()
 
 

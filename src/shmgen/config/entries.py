@@ -142,10 +142,10 @@ def _not_a_name(name: str, longest: int) -> str:
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", bare, re.ASCII):
         return "must have letters, digits and _ between single slashes, and no part that begins with a digit"
     if len(bare) > longest:
-        return f"has {len(bare)} characters, more than {longest}, the limit for a STRING(80) with suffix"
+        return f"has {len(bare)} characters, but only {longest} and a suffix fit into a STRING(80)"
     if bare.upper() in _RESERVED:
         return f"is reserved, because CODESYS uses it in /dev/shm ({bare}*)"
-    return "begins with sem/, the prefix of Linux for semaphores" if bare.startswith("sem/") else ""
+    return "begins with sem/, which Linux reserves for semaphores" if bare.startswith("sem/") else ""
 
 
 _RESERVED = ("CME", "GWDRVSHAREDMEMSHM", "RETAINMEMORY")

@@ -151,7 +151,7 @@ def _bound_table(read: Reader, section: str, data: dict[str, Any]) -> dict[str, 
         if isinstance(data[key], dict | list):
             hint = 'put a key with a slash or a dot in quotes: "package/Message.field" = 8'
             if isinstance(data[key], list):
-                hint = f"put a key of the whole file above the first table: move it above [{section}]"
+                hint = f"move this key above [{section}]: a key of the whole file stands above the first table"
             read.wrong(section, key, f"{key} must be a number", hint)
         elif close or not re.fullmatch(BOUND_KEY, key):
             hint = 'write "package/Message.field", "package/Message" or "package"'

@@ -272,7 +272,7 @@ def with_reserved(words: Iterable[HeaderField], size: int) -> Iterator[HeaderFie
     end = 0
     for word in (*words, HeaderField(size, "u8[0]", "", "", "", "")):
         if word.offset < end or word.offset % SIZES[word.element]:
-            raise ValueError(f"{word.name or 'the end'} cannot lie at {word.offset}, {end} bytes are taken")
+            raise ValueError(f"{word.name or 'the end'} at {word.offset} is misaligned or lies before byte {end}")
         if word.offset > end:
             yield HeaderField(end, f"u8[{word.offset - end}]", f"reserved{end}", f"abyReserved{end}", "", "0")
         if word.offset < size:
@@ -291,7 +291,7 @@ def slots_for(depth: int) -> int:
     Raises ValueError for a depth outside 1 .. MAX_DEPTH.
     """
     if not 1 <= depth <= MAX_DEPTH:
-        raise ValueError(f"depth is {depth}; it goes from 1 to {MAX_DEPTH} samples")
+        raise ValueError(f"depth is {depth}, but must be from 1 to {MAX_DEPTH} samples")
     return 1 << depth.bit_length()
 
 

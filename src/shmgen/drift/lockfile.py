@@ -80,7 +80,7 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     """
     ordered = [layouts[name] for name in sorted(layouts)]
     lines = [
-        "# What `shmgen generate` wrote, and from what. Commit it with the generated files.",
+        "# Record of the last run of `shmgen generate`. Commit this file with the generated files.",
         f"version = {VERSION}",
         *_list("requested", [str(layout.name) for layout in ordered if layout.requested]),
         "",

@@ -184,7 +184,7 @@ def _check_field_key(message: Message, name: str, section: str, bound: Bound, re
     expected: type[Sequence | String] = Sequence if section == "bounds" else String
     noun = "sequence" if section == "bounds" else "string"
     if not isinstance(bounded, expected):
-        report.error("SHM502", f"{path} is not a {noun} but {field.written}", bound.span)
+        report.error("SHM502", f"{path} is not a {noun}, but a {field.written}", bound.span, hint="remove this line")
     elif bounded.capacity not in (None, bound.value):
         problem = f"{path} is bounded to {bounded.capacity} by its definition ({field.written})"
         report.error("SHM103", problem, bound.span, hint="remove this line, or change the definition")

@@ -76,7 +76,7 @@ def sources(config: Config, report: Report) -> Iterable[Source]:
             place = Span(printed_path, line + 1, start, len(match[2]), text.splitlines()[line])
             if match[1].upper() == "CONFIGURATION":
                 hint = "remove it: shmgen generates tasks and globals, and the task calls each PROGRAM"
-                report.error("SHM203", f"{match[2]} is a CONFIGURATION, and shmgen generates one", place, hint=hint)
+                report.error("SHM203", f"{match[2]} is a CONFIGURATION, but shmgen generates one", place, hint=hint)
             elif match[2].upper() in program_names:
                 report.error("SHM203", f"two programs are called {match[2]}", place, hint="rename one of them")
             program_names.add(match[2].upper())

@@ -129,10 +129,10 @@ def unlisted(listed: Sized) -> str:
     The note counts the regions that this user may not read, or reports that there are no regions.
     """
     if not os.access(FOLDER, os.R_OK | os.X_OK):
-        return f"this user may not look into {FOLDER}; `shmgen doctor` says what to do"
+        return f"this user may not list {FOLDER}; `shmgen doctor` shows how to fix this"
     if hidden := len(closed()):
-        return f"{counted(hidden, 'region')} that this user may not read; `shmgen doctor` says what to do"
-    return "" if listed else "no regions; `shmgen pub` creates one, and so does every publisher and subscriber"
+        return f"this user may not read {counted(hidden, 'region')}; `shmgen doctor` shows how to fix this"
+    return "" if listed else "no regions; each publisher and subscriber creates one, for example `shmgen pub`"
 
 
 def is_region(name: str) -> bool:
@@ -173,10 +173,10 @@ def damage(header: h.Header) -> str:
     if header.slots < 2 or header.slots & header.slots - 1:
         return f"the number of slots is {header.slots}, which is not a power of two above 1"
     if header.slot_size < h.SLOT_HEADER + header.payload_size:
-        return f"its slots of {header.slot_size} bytes are too small for {header.payload_size} + {h.SLOT_HEADER}"
+        return f"its slots have {header.slot_size} bytes, too few for {header.payload_size} + {h.SLOT_HEADER}"
     size = h.HEADER_SIZE + abi.LANES * header.slots * header.slot_size
     if header.size < size:
-        needs = f"its {abi.LANES} x {header.slots} slots of {header.slot_size} need {size:,}"
+        needs = f"but its {abi.LANES} x {header.slots} slots of {header.slot_size} bytes need {size:,}"
         return f"the file has {counted(header.size, 'byte')}, {needs}"
     return ""
 

@@ -76,7 +76,7 @@ class Session:
         matches = [one for one in layouts if (str(one.name) == request if part_of else one.requested)]
         if len(matches) > 1:
             names = ", ".join(str(layout.name) for layout in matches[:10])
-            raise ValueError(f"{request} is {len(matches)} messages, and a topic carries one: {names}")
+            raise ValueError(f"{request} has {len(matches)} messages, but a topic carries one; give one of {names}")
         return matches[0]
 
     def message(self, request: str, part_of: str = "") -> type[Message]:

@@ -99,7 +99,7 @@ class Sums:
                 inner, alignment = type_.packed[pack]
                 total.add(inner * (many or 1), alignment)
         if self.message.at > types.LARGEST:
-            raise NotConvertible(f"more than {types.LARGEST:,} bytes", "share a part of it", "SHM303")
+            raise NotConvertible(f"more than {types.LARGEST:,} bytes", "declare a smaller type", "SHM303")
         return moved
 
     def packed(self) -> dict[int, tuple[int, int]]:
@@ -146,7 +146,7 @@ def differences(declared: Declaration, converted: Converted, compiled: Compiled)
             if here != there:
                 yield f"{spelled.get(name, name)}: {_extent(here)} here, {_extent(there)} in {compiled.file}"
     if compiled.size != 8 * converted.size:
-        yield f"in all: {_size(8 * converted.size)} here, {_size(compiled.size)} in {compiled.file}"
+        yield f"total size: {_size(8 * converted.size)} here, {_size(compiled.size)} in {compiled.file}"
 
 
 def _extent(extent: Extent | None) -> str:

@@ -197,8 +197,8 @@ class _Work:
         if failed:
             return failed
         if sums.compiled != sums.message:
-            hint = "give both the same pack_mode, or copy the members that you share into a structure without bases"
-            raise NotConvertible(f"{declared.name} has another pack_mode than its base", hint)
+            hint = "give both the same pack_mode, or copy the needed members into a structure without EXTENDS"
+            raise NotConvertible(f"{declared.name} and its base have different pack_modes", hint)
         note = f", pack_mode {pack}" if sums.message != sums.natural else ""
         text = "\n".join([*head(declared, f"PLC: {declared.name}{note}"), *lines]) + "\n"
         places = tuple(sums.compiled.places)
@@ -227,8 +227,8 @@ class _Work:
         The member has the type `field`, with the layout `layout`.
         """
         if declared.pack and layout.packed[declared.pack][0] != layout.size:
-            reason = f"{declared.name} has pack_mode {declared.pack}, but its member {field.element} has none"
-            hint = f"give {field.element} the attribute too: whether it is packed without one is not verified"
+            reason = f"{declared.name} has pack_mode {declared.pack}, but the type {field.element} of a member has none"
+            hint = f"give {field.element} the attribute too: no test shows whether the compiler packs it without one"
             raise NotConvertible(reason, hint)
 
     def _line(self, declared: Declaration) -> list[Declaration]:
@@ -251,11 +251,11 @@ class _Work:
                 )
             line.append(base_type)
             if len(line) > _DEEPEST:
-                raise NotConvertible(f"more than {_DEEPEST} bases of each other", "remove some of them", "SHM304")
+                raise NotConvertible(f"more than {_DEEPEST} levels of EXTENDS", "remove some levels", "SHM304")
         self.members += sum(len(it.members) for it in line)
         if self.members > MOST:
             raise NotConvertible(
-                f"more than {MOST:,} members in all, with those of bases", "import fewer types", "SHM303"
+                f"more than {MOST:,} members in total, including members of bases", "import fewer types", "SHM303"
             )
         return line[::-1]
 
@@ -305,10 +305,10 @@ class _Work:
             raise self._undeclared(name)
         if declared.name.upper() in self.path:
             raise NotConvertible(
-                f"{declared.name} contains itself", "a message cannot: remove one of the members", "SHM301"
+                f"{declared.name} contains itself", "remove one member: a message cannot contain itself", "SHM301"
             )
         if len(self.path) > _DEEPEST:
-            raise NotConvertible(f"more than {_DEEPEST} nested structures", "share a part of it", "SHM304")
+            raise NotConvertible(f"more than {_DEEPEST} nested structures", "import only an inner structure", "SHM304")
         if isinstance(self.convert(declared), NotConvertible):
             raise _PartNotConvertible(declared)
         return self.names[declared.name.upper()], declared.name

@@ -57,7 +57,7 @@ class Project:
     def _count(self, members: int, span: Span) -> None:
         self._members += members
         if self._members > MOST:
-            raise Unreadable(f"more than {MOST:,} members in all", span)
+            raise Unreadable(f"more than {MOST:,} members in total", span)
 
 
 def _comparable(declared: Declaration) -> tuple[object, ...]:

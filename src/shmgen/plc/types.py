@@ -62,7 +62,7 @@ _REFUSED = (
     (
         re.compile(r"BIT$", re.IGNORECASE),
         "one bit of a byte",
-        "share its byte, or a BOOL copied from it",
+        "declare the whole byte, or a BOOL with a copy of the bit",
     ),
     (
         re.compile(r"(__XWORD|__UXINT|__XINT|__SYSTEM\b.*|ANY\w*)$", re.IGNORECASE),
@@ -152,7 +152,7 @@ def _array(spelled: str, bounds: str, element: str, number: Numbers, named: Name
             raise NotConvertible(f"{_excerpt(spelled)} has no elements", "write the lower bound first", "SHM602")
         if many > LARGEST:
             raise NotConvertible(
-                f"{_excerpt(spelled)} has more than {LARGEST:,} elements", "share a part of it", "SHM303"
+                f"{_excerpt(spelled)} has more than {LARGEST:,} elements", "declare a smaller array", "SHM303"
             )
     usual = len(dimensions) == 1 and dimensions[0].startswith("0..") and not inner.own and not inner.many
     own = "" if usual else f"ARRAY[{', '.join(dimensions)}] OF {inner.own or _iec(inner, element)}"

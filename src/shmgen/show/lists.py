@@ -58,7 +58,7 @@ def inventory(entries: list[Item], machine: bool, default: int | None = None) ->
     if stopped:
         lines.append(f'Add lines under [bounds] in shmgen.toml, such as "{stopped[0]}" = 8')
     if default:
-        lines.append(f"* of {default} by [bounds] default")
+        lines.append(f"* bound {default} from the key default under [bounds]")
     codes = sorted({fault.code for entry in entries for fault in entry.diagnostics})
     if codes:
         lines.append("Run " + " or ".join(f"`shmgen explain {code}`" for code in codes) + " for details")

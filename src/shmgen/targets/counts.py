@@ -15,7 +15,7 @@ def holds_counts(layout: Layout, layouts: Layouts) -> bool:
 
 def bound(count: Slot) -> int:
     """Return the bound of a sequence, from the layout entry (Slot) of the sequence's count."""
-    assert count.field is not None, "a count is that of a field"
+    assert count.field is not None, "each count belongs to a field"
     assert isinstance(count.field.type, Sequence)
     assert count.field.type.capacity is not None, "bounds come before layout"
     return count.field.type.capacity

@@ -99,7 +99,7 @@ def _check_messages(layouts: Layouts, package: str, names: Names, way_out: str, 
     for layout, claim in sorted(all_claims, key=lambda pair: kinds[pair[1].kind]):
         span, name, folded = layout.message.span, layout.name, names.fold(claim.name)
         if folded in own:
-            fault = f"{name} becomes the {claim.kind} `{claim.name}`, which shmgen adds in {names.title}"
+            fault = f"{name} becomes the {claim.kind} `{claim.name}`, a name that shmgen itself adds in {names.title}"
             report.error("SHM204", fault, span, hint="rename the message")
         space = names.fold(claim.space), claim.kind, folded
         other, first = seen.setdefault(space, (layout, claim))

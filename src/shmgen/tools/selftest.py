@@ -218,7 +218,7 @@ def _calls(partner: Partner) -> Found:
         if time.monotonic() > until:
             return DIFFERENT, "the pair did not open"
     sent, read = (1000 * took / _CALLS_TIMED for took in partner.ask(_CALLS, _CALLS_TIMED, 30.0).results[:2])
-    return NOTED, f"84 bytes: {sent:.1f} us to publish, {read:.1f} us to find nothing new"
+    return NOTED, f"84 bytes: {sent:.1f} us to publish, {read:.1f} us to look for a new sample"
 
 
 def _killed(partner: Partner) -> Found:
@@ -246,13 +246,13 @@ def _killed(partner: Partner) -> Found:
 
 def _restart(partner: Partner) -> Found:
     before = partner.ask().cycles
-    partner.tell("Restart the PLC's runtime now, as `sudo systemctl restart codesyscontrol` does")
+    partner.tell("Restart the PLC's runtime now, for example with `sudo systemctl restart codesyscontrol`")
     since = time.monotonic()
     begun = partner.wait_for(lambda answer: bool(answer.cycles < before), partner.patience)
     if not begun:
         raise NotMeasured(f"no restart within {partner.patience:g} s")
     partner.ask(seconds=10.0)
-    return EXPECTED, f"the PLC answers again {time.monotonic() - since:.0f} s after the request, both ways"
+    return EXPECTED, f"the PLC answers again {time.monotonic() - since:.0f} s after the request; samples pass both ways"
 
 
 def _online_change(partner: Partner) -> Found:
@@ -260,11 +260,11 @@ def _online_change(partner: Partner) -> Found:
     partner.tell("Set VERSION in PRG_ShmSelfTest to 2 and log in with online change")
     after = partner.wait_for(lambda answer: bool(answer.version != before.version), partner.patience)
     if not after:
-        raise NotMeasured(f"no other VERSION within {partner.patience:g} s")
+        raise NotMeasured(f"VERSION did not change within {partner.patience:g} s")
     partner.ask(seconds=10.0)
     if after.cycles < before.cycles:
         raise NotMeasured("this was a download: the program started again")
-    return EXPECTED, f"VERSION {after.version} from cycle {after.cycles} on, no end closed, both ways"
+    return EXPECTED, f"VERSION {after.version} since cycle {after.cycles}; samples pass both ways without a reopening"
 
 
 def _clock(partner: Partner) -> Found:
@@ -300,7 +300,7 @@ def _results_of(partner: Partner, what: int) -> Any:
     """
     answer = partner.ask(what)
     if not answer.pointer_size:
-        raise NotMeasured("the language has no Sys functions, pointers or clock")
+        raise NotMeasured("this PLC language has no Sys functions, pointers or clock")
     return answer.results
 
 

@@ -77,14 +77,14 @@ class Page(Server):
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Handle a request with the right host, origin, and token or cookie; reject other requests with status 403."""
         if request.headers.get("Host") != self._host:
-            raise web.HTTPForbidden(text=f"open {self.public_url}/ as shmgen view has printed it")
+            raise web.HTTPForbidden(text=f"open the address that shmgen view printed: {self.public_url}/")
         origin = request.headers.get("Origin")
         if origin not in (None, self.public_url) or (origin is None and request.path.endswith("/ws")):
-            raise web.HTTPForbidden(text="another page asks for it")
+            raise web.HTTPForbidden(text="requests from other pages are refused")
         if request.path == "/" and _same(request.query.get("token", ""), self._token):
             return self._enter()
         if not _same(request.cookies.get(_COOKIE, ""), self._key):
-            raise web.HTTPForbidden(text="open the address that shmgen view printed last: each opens once")
+            raise web.HTTPForbidden(text="open the address that shmgen view printed last: each address works once")
         return await handler(request)
 
     def _enter(self) -> web.Response:

@@ -253,6 +253,6 @@ def _text(text: str) -> str:
     The text must not contain control characters, because XML 1.0 cannot represent most of them. Structured Text has
     none.
     """
-    assert text.isascii() or re.sub(r"\w", "", text).isascii(), "only names of an imported project are beyond ASCII"
-    assert text.replace("\n", "").isprintable(), "and has no control characters"
+    assert text.isascii() or re.sub(r"\w", "", text).isascii(), "only names of an imported project may be non-ASCII"
+    assert text.replace("\n", "").isprintable(), "the text must not have control characters"
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")

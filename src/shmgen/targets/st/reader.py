@@ -48,7 +48,7 @@ _SECTION = re.compile(r"(?P<keyword>VAR|VAR_INPUT|VAR_OUTPUT|VAR_GLOBAL)(?P<cons
 
 def _expect(true: object, what: str, lines: list[str]) -> None:
     if not true:
-        raise NotInStyle(f"{lines[0] if lines else 'the end of the file'!r} where there should be {what}")
+        raise NotInStyle(f"expected {what}, found {lines[0] if lines else 'the end of the file'!r}")
 
 
 def _head(lines: list[str]) -> tuple[Head, list[str]]:

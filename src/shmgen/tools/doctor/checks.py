@@ -18,7 +18,7 @@ from shmgen.tools.doctor import permissions
 from shmgen.tools.doctor.problem import Problem
 from shmgen.tools.doctor.snapshot import SIZES, Evidence
 
-_ADVICE_CLEAN = "stop both sides, `shmgen clean {topic}`, start them again"
+_ADVICE_CLEAN = "stop both sides, run `shmgen clean {topic}`, restart them"
 
 
 def of_region(region: Evidence) -> Iterator[Problem]:
@@ -47,7 +47,7 @@ def _layout(region: Evidence) -> Iterator[Problem]:
             f"the region has another layout of {header.type_name} than this folder: "
             f"digest 16#{header.digest:016X}, {counted(header.payload_size, 'byte')} in the region; {layout}"
         )
-        hint = "`shmgen generate`, rebuild both sides; " + _ADVICE_CLEAN.format(topic=region.topic)
+        hint = "run `shmgen generate` and rebuild both sides; " + _ADVICE_CLEAN.format(topic=region.topic)
         yield Problem(region.topic, message, hint, file)
     elif expected.depth and (slots := abi.slots_for(expected.depth)) != header.slots:
         message = f"the region has {header.slots} slots, but depth = {expected.depth} in shmgen.toml needs {slots}"
@@ -74,7 +74,7 @@ def _semaphore(region: Evidence) -> Iterator[Problem]:
         message = f"the file of its semaphore has {size} instead of 32, or 16 for 32-bit processes"
         yield Problem(region.topic, message, _ADVICE_CLEAN.format(topic=region.topic), file)
     elif before and min(before.value or 0, now.value or 0) > 1:
-        message = f"the value of its semaphore is {now.value}: so many processes can hold the lock at once"
+        message = f"the value of its semaphore is {now.value}, so {now.value} processes can hold the lock at once"
         hint = "it returns to 1 automatically: each Python publish or read removes up to 64"
         yield Problem(region.topic, message, hint, file)
 
@@ -111,7 +111,7 @@ def _bitness(region: Evidence) -> Iterator[Problem]:
         hint = 'write sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
         if not (IN_C or has_barrier()):
             hint = (
-                f'run programs of one bitness on both sides: sync = "sequence" is not supported on {os.uname().machine}'
+                f'run only 32-bit or only 64-bit programs: sync = "sequence" is not supported on {os.uname().machine}'
             )
         odd = next((peer.pid for peer in region.peers if peer.bits == 32), None)
         yield Problem(region.topic, message, hint, semaphore_file(region.name), odd)

@@ -86,7 +86,7 @@ def of_machine(processes: Processes) -> Iterator[Problem]:
     total, free = size.f_blocks * size.f_frsize, size.f_bavail * size.f_frsize
     if free < total // 20:
         message = f"/dev/shm is nearly full: {free >> 10} of {total >> 10} KiB are free"
-        yield Problem("", message, "see `ls -lS /dev/shm`; docker: `--shm-size`", "/dev/shm")
+        yield Problem("", message, "remove files (`ls -lS /dev/shm`), or raise docker's `--shm-size`", "/dev/shm")
     if _in_container() and (_own_mount() or total <= 64 << 20):
         message = f"this container has its own /dev/shm ({total >> 20} MiB), so it shares no regions with the host"
         hint = "to share regions, start the container with `--ipc=host`, or `-v /dev/shm:/dev/shm`"

@@ -23,7 +23,7 @@ def build(
     """
     parts = _TYPE.fullmatch(type_name)
     if parts is None:
-        raise ValueError(f"{type_name} names no service: write package/Name")
+        raise ValueError(f"{type_name} is not a service type: write package/Name")
     full_name = f"{parts[1]}/srv/{parts[2]}"
     try:
         request, _ = registry.message_of_topic(f"{service}-request", f"{full_name}_Request", full_name)

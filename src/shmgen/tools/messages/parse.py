@@ -43,7 +43,7 @@ def _parsed(text: str) -> Any:
         from ruamel.yaml.constructor import SafeConstructor
         from ruamel.yaml.error import YAMLError
     except ImportError:
-        raise ValueError(f"{text!r:.60} is not JSON, and for YAML ruamel.yaml is missing: pip install it") from None
+        raise ValueError(f"{text!r:.60} is not JSON, and YAML needs a package: run `pip install ruamel.yaml`") from None
 
     class Constructor(SafeConstructor):
         def construct_float(self, node: Any) -> float:
@@ -69,7 +69,7 @@ def _float(text: str) -> float:
 def _finite(value: float, text: str) -> float:
     """Return `value`, which was parsed from `text`. Raises OutOfRange if the number is too large for float64."""
     if math.isinf(value):
-        raise OutOfRange("", f"{text} is too large for float64; infinity is written .inf")
+        raise OutOfRange("", f"{text} is too large for float64; write infinity as .inf")
     return value
 
 

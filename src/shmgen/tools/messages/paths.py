@@ -99,7 +99,7 @@ def condition(kind: type[Message], text: str) -> Callable[[Message], bool]:
         if name.startswith("_"):
             raise ValueError(f"{text!r}: {name} is not a field")
         if isinstance(node, ast.Call) and not (isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS):
-            raise ValueError(f"{text!r}: functions are {', '.join(_FUNCTIONS)}")
+            raise ValueError(f"{text!r}: the only functions are {', '.join(_FUNCTIONS)}")
         if isinstance(node, ast.Attribute):
             node.attr = python_member(node.attr)
     code = compile(tree, "condition", "eval")

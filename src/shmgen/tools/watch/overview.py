@@ -269,7 +269,7 @@ def text(row: Row, hidden: bool) -> str:
             f"payload: {counted(row.payload, 'byte')}, {counted(row.slots, 'slot')}",
             f"samples: {row.samples:,}{age}; {row.missed:,} missed by readers",
             f"writer: {row.writer}",
-            f"readers: {len(row.readers)}{'; others may be hidden: sudo sees them' if hidden else ''}",
+            f"readers: {len(row.readers)}{'; run with sudo to see hidden readers' if hidden else ''}",
             *(f"  {pid} {called(pid)}" for pid in row.readers),
         ]
     )

@@ -157,7 +157,7 @@ def delay(window: Window) -> Delay | None:
     """
     ages = [one.age for one in window.seen if one.age is not None]
     if not ages and window.by == _WRITER:
-        raise ValueError(f"{window.topic}: its type has no stamp, and its writer has no clock")
+        raise ValueError(f"{window.topic}: its messages have no time stamp, and its writer stores no time")
     return Delay(*_moments(ages), len(ages), window.by) if ages else None
 
 
