@@ -39,6 +39,9 @@ OPTIONS = st.builds(
     bool=st.sampled_from(("USINT", "BOOL")),
     time=st.sampled_from(("TIME", "LTIME", "struct")),
     encoding=st.sampled_from(("utf-8", "latin-1")),
+    overflow=st.just("error"),
+    names=st.just("plc"),
+    own=st.just(()),
 )
 NUMBER = itertools.count()
 

@@ -189,23 +189,23 @@ def test_changed_depth_of_a_topic_is_breaking(tmp_path: Path) -> None:
 
 def test_added_or_removed_message_is_reported(before: lockfile.Lock) -> None:
     fewer = {name: block for name, block in before.messages.items() if name != "demo_msgs/msg/Robot"}
-    old = replace(before, requested=(), messages=fewer)
+    old = before._replace(requested=(), messages=fewer)
     assert [str(item.diagnostic) for item in compare(old, before, "a")] == ["a: error[SHM402]: demo_msgs/Robot is new"]
     (removal,) = compare(before, old, "b")
     assert (removal.diagnostic.code, removal.severity.name) == ("SHM401", "BREAKING")
-    unrequested = replace(before, requested=())
+    unrequested = before._replace(requested=())
     assert [item.severity.name for item in compare(unrequested, before, "a")] == ["COMPATIBLE"]
     assert [item.severity.name for item in compare(before, unrequested, "a")] == ["BREAKING"]
 
 
 def test_message_with_another_origin_is_cosmetic(before: lockfile.Lock) -> None:
-    moved = {name: replace(block, origin=f"elsewhere/{name}") for name, block in before.messages.items()}
-    (finding,) = compare(before, replace(before, messages=moved), "a")
+    moved = {name: block._replace(origin=f"elsewhere/{name}") for name, block in before.messages.items()}
+    (finding,) = compare(before, before._replace(messages=moved), "a")
     expected = f"a: error[SHM402]: {len(moved)} messages have another origin, but did not change"
     assert (finding.severity.name, str(finding.diagnostic)) == ("COSMETIC", expected)
     assert [change.field for change in finding.changes] == [f"demo_msgs/{name}" for name in sorted(MESSAGES)]
     arm = "demo_msgs/msg/Arm"
-    (finding,) = compare(before, replace(before, messages=before.messages | {arm: moved[arm]}), "a")
+    (finding,) = compare(before, before._replace(messages=before.messages | {arm: moved[arm]}), "a")
     assert finding.diagnostic.details == ("demo_msgs/Arm   demo_msgs/msg/Arm.msg -> elsewhere/demo_msgs/msg/Arm",)
 
 

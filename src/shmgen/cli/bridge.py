@@ -38,7 +38,7 @@ def bridge(backend: str | None, ros_arguments: tuple[str, ...], source: options.
 
     def load() -> Config:
         config = source.load()
-        return replace(config, bridge=replace(config.bridge, backend=backend)) if backend else config
+        return replace(config, bridge=config.bridge._replace(backend=backend)) if backend else config
 
     config = load()
     file = source.file_used()

@@ -36,7 +36,7 @@ def configured(config: Config, folders: Iterable[Path], opened: Library) -> Conf
             hint = "give a folder that `shmgen generate` has written"
             raise Rejected([Diagnostic("SHM407", "layout.lock is missing", Span(str(folder)), hint=hint)])
         messages = {name: block for name, block in lock.messages.items() if name in in_reach}
-        linked_bounds = config_of_lock.settings(replace(lock, messages=messages), config).bounds
+        linked_bounds = config_of_lock.settings(lock._replace(messages=messages), config).bounds
         strings |= linked_bounds.strings
         sequences |= linked_bounds.sequences
         files |= {**lock.files, **dict.fromkeys(lock.requested, "")}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from shmgen.config.document import Reader
@@ -35,8 +34,7 @@ class Bounds(NamedTuple):
     default_sequence: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class TransferOptions:
+class TransferOptions(NamedTuple):
     """The settings with which the bridge transfers a topic.
 
     `rate` is in Hz, and None means no limit. `stale` is in seconds, and None means that data never becomes stale.
@@ -52,8 +50,7 @@ class TransferOptions:
     other_definition: Literal["refuse", "accept"] = "refuse"
 
 
-@dataclass(frozen=True, slots=True)
-class TopicEntry:
+class TopicEntry(NamedTuple):
     """One `[[topics]]` entry. Slow readers can read the newest `depth` samples. `carried` has the bridge's settings."""
 
     topic: str
@@ -61,7 +58,7 @@ class TopicEntry:
     direction: str
     depth: int
     span: Span
-    carried: TransferOptions = field(default_factory=TransferOptions)
+    carried: TransferOptions = TransferOptions()
 
 
 class CallEntry(NamedTuple):
@@ -132,7 +129,7 @@ def _topic(read: Reader, section: str, table: dict[str, Any], values: dict[str, 
     for key, towards in (("stamp", "from_plc"), ("overflow", "to_plc"), ("other_definition", "to_plc")):
         if key in table and values["direction"] != towards:
             read.wrong(section, key, f'{key} is valid only with direction = "{towards}"')
-    carried = TransferOptions(**{name: values[name] for name in TransferOptions.__match_args__})
+    carried = TransferOptions(**{name: values[name] for name in TransferOptions._fields})
     return TopicEntry(values["topic"], values["type"], values["direction"], values["depth"], span, carried)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from shmgen.config import document, entries
 from shmgen.config.document import Reader
@@ -21,8 +21,7 @@ from shmgen.targets import USUAL
 FILE_NAME = "shmgen.toml"
 
 
-@dataclass(frozen=True, slots=True)
-class Bridge:
+class Bridge(NamedTuple):
     """The table `[bridge]` of shmgen.toml.
 
     `diagnostics` is the seconds between two messages on /diagnostics, or 0 for no messages. `domain` is the DDS domain.

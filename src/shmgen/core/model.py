@@ -250,8 +250,7 @@ class Schema(NamedTuple):
 # --- Layout: where every byte goes ------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class TypeOptions:
+class TypeOptions(NamedTuple):
     """The keys of `[types]`, and the encoding rules of `[strings]`, in shmgen.toml.
 
     `own` maps messages to their type names in an imported PLC project.

@@ -6,8 +6,8 @@ import hashlib
 import json
 import re
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from shmgen.core import toml
 from shmgen.core.diagnostics import Report, Span
@@ -42,8 +42,7 @@ class Entry:
         return f"{type_}[{'<=' if self.is_sequence else ''}{self.count}]"
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(NamedTuple):
     """A message in layout.lock. `size` is in bytes, and `text` is a hash of the definition.
 
     `constants` maps names to a type and a value, such as `uint8 1`.
@@ -59,17 +58,16 @@ class Block:
     units: Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class Lock:
+class Lock(NamedTuple):
     """The content of layout.lock, the record of a run of `generate`.
 
     It contains the requested messages, the settings, all messages, and the SHA-256 of each written file.
     """
 
     requested: tuple[str, ...] = ()
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    messages: Mapping[str, Block] = field(default_factory=dict)
-    files: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = {}
+    messages: Mapping[str, Block] = {}
+    files: Mapping[str, str] = {}
 
 
 def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, object]) -> str:
@@ -116,7 +114,7 @@ def read_requested(text: str, place: str, report: Report) -> Lock:
     files = dict(_FILE.findall(listed))
     if not has_messages or len(files) < listed.count("\n"):
         return read(text, place, report)
-    return replace(read(f"{head}\n[files]\n", place, report), files=files)
+    return read(f"{head}\n[files]\n", place, report)._replace(files=files)
 
 
 def parse(text: str) -> Lock:

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence, Set
-from dataclasses import replace
 from typing import NamedTuple
 
 from shmgen import definitions
@@ -50,7 +49,7 @@ def _types(config: Config, schema: Schema) -> TypeOptions:
     if config.types.names == "ros":
         return config.types
     own = tuple((message.name, message.plc.partition(" ")[0]) for message in schema.messages if message.plc)
-    return replace(config.types, own=own)
+    return config.types._replace(own=own)
 
 
 def generate(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> dict[str, str]:
@@ -111,7 +110,7 @@ def render_targets(targets: Sequence[Target], keys: Sequence[str], job: Job, rep
     rendered: dict[str, tuple[RenderedFile, ...]] = {}
     while waiting:
         ready = [target for target in waiting if rendered.keys() >= set(target.after)]
-        planned = {target.key: _planned(target, waiting, replace(job, rendered=rendered), report) for target in ready}
+        planned = {target.key: _planned(target, waiting, job._replace(rendered=rendered), report) for target in ready}
         report.stop_if_any()
         texts = render(output for outputs in planned.values() for output in outputs)
         for key, outputs in planned.items():

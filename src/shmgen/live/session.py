@@ -61,7 +61,7 @@ class Session:
         key = tuple(requests)
         overflow = overflow or self.config.types.overflow
         if (key, overflow) not in self._classes:
-            types = replace(self.config.types, overflow=overflow)  # type: ignore[arg-type]
+            types = self.config.types._replace(overflow=overflow)  # type: ignore[arg-type]
             layouts = {name: layout._replace(options=types) for name, layout in self.layouts(key).items()}
             self._classes[key, overflow] = _imported(self.config, layouts)
         return self._classes[key, overflow]

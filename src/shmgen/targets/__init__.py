@@ -7,7 +7,6 @@ cheaply, and an unselected target adds nothing to the start-up time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
@@ -25,8 +24,7 @@ class Source(NamedTuple):
     programs: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
+class Options(NamedTuple):
     """The settings from shmgen.toml that change a target's files but not the layouts of messages.
 
     * `distribution`: the name and version of the Python package, such as `robot-shm 1.2.0`, or `""`.
@@ -36,14 +34,14 @@ class Options:
     * `configuration`: the parsed content of shmgen.toml.
     """
 
-    regions: Regions = field(default_factory=Regions)
+    regions: Regions = Regions()
     distribution: str = ""
     beside: bool = False
     task_interval: int = 10
     ros_package: str = ""
     node: str = "shmgen_bridge"
     sources: tuple[Source, ...] = ()
-    configuration: Mapping[str, Any] = field(default_factory=dict)
+    configuration: Mapping[str, Any] = {}
 
 
 class Text(NamedTuple):
@@ -59,8 +57,7 @@ class RenderedFile(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
+class Job(NamedTuple):
     """The input of a target: the layouts of all messages, and the settings of shmgen.toml.
 
     `package` is the name of all generated code, such as `shm_msgs`. `rendered` maps the keys of other targets to their
@@ -72,8 +69,8 @@ class Job:
     topics: tuple[Topic, ...] = ()
     services: tuple[Call, ...] = ()
     actions: tuple[Call, ...] = ()
-    options: Options = field(default_factory=Options)
-    rendered: Mapping[str, tuple[RenderedFile, ...]] = field(default_factory=dict)
+    options: Options = Options()
+    rendered: Mapping[str, tuple[RenderedFile, ...]] = {}
 
     @property
     def uses(self) -> tuple[Topic | Call, ...]:

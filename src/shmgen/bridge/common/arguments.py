@@ -183,5 +183,5 @@ def with_parameters(config: Config, parameters: Mapping[str, str]) -> Config:
             options: dict[str, Any] = {key.name: number}
             for index, topic in enumerate(topics):
                 if getattr(topic.carried, key.name) is None:
-                    topics[index] = replace(topic, carried=replace(topic.carried, **options))
+                    topics[index] = topic._replace(carried=topic.carried._replace(**options))
     return replace(config, topics=tuple(topics))
