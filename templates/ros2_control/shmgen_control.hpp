@@ -210,7 +210,7 @@ private:
         } catch (const std::exception &) {
         }
         if (end == 0 || end != text.size() || !std::isfinite(value))
-            throw std::invalid_argument(what + " is a number, not `" + text + "`");
+            throw std::invalid_argument(what + " must be a number, not `" + text + "`");
         return value;
     }
     CallbackReturn failed(const std::string &why) const
@@ -235,7 +235,7 @@ private:
             region.is_used = true;
             command.location.include_elements(region.message());
             if (safe != interface.parameters.end() && !command.location.write(region.message(), command.safe))
-                throw std::invalid_argument(name + ": safe: its field does not hold " + safe->second);
+                throw std::invalid_argument(name + ": safe: the field cannot represent " + safe->second);
         }
     }
     template <class R, class I> static R &of(std::vector<std::unique_ptr<R>> &regions, const hardware_interface::ComponentInfo &component, const I &interface)
@@ -250,14 +250,14 @@ private:
         std::string known;
         for (auto &region : regions)
             known += " " + region->name;
-        throw std::invalid_argument(name + ": <param name=\"topic\"> is one of" + known);
+        throw std::invalid_argument(name + ": <param name=\"topic\"> must be one of" + known);
     }
     template <class I> static FieldLocation location_of(const Region &region, const hardware_interface::ComponentInfo &component, const I &interface)
     {
         const std::string name = component.name + "/" + interface.name;
         const auto field = interface.parameters.find("field");
         if (field == interface.parameters.end())
-            throw std::invalid_argument(name + ": <param name=\"field\"> says which number of " + region.name + " it is");
+            throw std::invalid_argument(name + ": add <param name=\"field\"> with the path of a number in " + region.name);
         try {
             return FieldLocation(region.fields, field->second);
         } catch (const std::invalid_argument &error) {

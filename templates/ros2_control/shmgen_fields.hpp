@@ -50,7 +50,7 @@ public:
             for (std::size_t level = 0; level < indices.size(); ++level) {
                 const Dimension &dimension = field.dimensions[level];
                 if (indices[level] >= dimension.count)
-                    throw std::invalid_argument(path + ": it has " + std::to_string(dimension.count) + " elements");
+                    throw std::invalid_argument(path + ": the array has " + std::to_string(dimension.count) + " elements");
                 if (dimension.counter >= 0)
                     counters_.push_back({static_cast<std::size_t>(dimension.counter) + offset_ - field.offset, indices[level] + 1});
                 offset_ += indices[level] * static_cast<std::size_t>(dimension.stride);
@@ -119,7 +119,7 @@ private:
                 const std::size_t end = path.find(']', at);
                 const std::string digits = path.substr(at + 1, end - at - 1);
                 if (end == std::string::npos || digits.empty() || digits.size() > 9 || digits.find_first_not_of("0123456789") != std::string::npos)
-                    throw std::invalid_argument(path + ": between [ and ] stands a number");
+                    throw std::invalid_argument(path + ": write a number between [ and ]");
                 indices.push_back(static_cast<std::uint32_t>(std::stoul(digits)));
                 at = end - 1;
             }

@@ -281,13 +281,13 @@ MISTAKES = {
     "index": (
         r"position\[5\](?=</param>\s*</command)",
         "position[6]",
-        "joint6/position: position[6]: it has 6 elements",
+        "joint6/position: position[6]: the array has 6 elements",
     ),
     "name": (r">status\[5\]<", ">stutus[5]<", "`stutus[5]` is not a number of the message, which has state, status[],"),
-    "stale": (r'<param name="stale">0.1<', '<param name="stale">soon<', "stale is a number, not `soon`"),
+    "stale": (r'<param name="stale">0.1<', '<param name="stale">soon<', "stale must be a number, not `soon`"),
     "state": (r">stop</param>", ">position[0].x</param>", "`position[0].x` is not a number of the message"),
     "int64": (r">state</param>", ">big</param>", "`big` is not a number of the message"),
-    "missing": (r'<param name="field">enable</param>', "", 'plc/enable: <param name="field"> says which number of /'),
+    "missing": (r'<param name="field">enable</param>', "", 'plc/enable: add <param name="field"> with the path'),
 }
 
 
