@@ -267,7 +267,7 @@ def test_excessive_count_is_rejected_with_its_field(open_line: Callable[..., Lin
         broken._marks_count = 9
         writer.publish(broken)
         wait_until(lambda: line.counters.rejected)
-    assert "marks: the writer says 9 elements" in line.log[0]
+    assert "marks: the region has 9 elements" in line.log[0]
 
 
 def test_removed_region_is_recreated(open_line: Callable[..., Line], topic: str) -> None:
@@ -306,7 +306,7 @@ def test_topic_recovers_from_a_region_of_another_layout(open_line: Callable[...,
 def test_second_writer_waits_until_the_first_closes(open_line: Callable[..., Line]) -> None:
     first, second = open_line(), open_line()
     assert (second.status().level, second.side.end.current) == (ERROR, None)
-    assert "publishes already; one writer a topic" in second.status().message
+    assert "publishes already: stop it first" in second.status().message
     first.close()
     wait_until(lambda: second.side.end.current)
     assert len(second.log) == 2

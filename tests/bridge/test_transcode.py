@@ -64,7 +64,7 @@ def test_codecs_equal_decoding_and_encoding_a_message(schema, options, seed, tmp
             kind._decode(sample, message)
             expected = codecs.to_wire(sample)
             if isinstance(expected, OutOfRange):  # LTIME has a wider range than ROS
-                assert "ROS cannot hold this time" in str(expected)
+                assert "ROS cannot represent this time" in str(expected)
                 with pytest.raises(struct.error):
                     reference.encode(message)
                 continue
@@ -227,8 +227,8 @@ def test_unset_stamp_becomes_the_current_time(session, ros1):
 @pytest.mark.parametrize(
     ("name", "values", "place", "byte", "error", "text"),
     [
-        ("std_msgs/Header", {"frame_id": "a"}, slice(12, 13), b"\xff", OutOfRange, "frame_id: the bytes end within it"),
-        ("std_msgs/Header", {"frame_id": "a"}, slice(16, 17), b"\xff", OutOfRange, "frame_id: the bytes are no text"),
+        ("std_msgs/Header", {"frame_id": "a"}, slice(12, 13), b"\xff", OutOfRange, "frame_id: the bytes end within"),
+        ("std_msgs/Header", {"frame_id": "a"}, slice(16, 17), b"\xff", OutOfRange, "frame_id: the bytes are not"),
         (
             "std_msgs/Header",
             {"frame_id": "a"},
@@ -245,8 +245,8 @@ def test_unset_stamp_becomes_the_current_time(session, ros1):
             StringTooLong,
             "frame_id: 254",
         ),
-        ("std_msgs/Bool", {}, slice(4, 5), b"\2", OutOfRange, "data: the byte is no bool"),
-        ("sensor_msgs/JointState", {}, slice(20, 21), b"\5", CountExceeded, "name: the writer says 5 elements"),
+        ("std_msgs/Bool", {}, slice(4, 5), b"\2", OutOfRange, "data: the byte is not a bool"),
+        ("sensor_msgs/JointState", {}, slice(20, 21), b"\5", CountExceeded, "name: the region has 5 elements"),
     ],
 )
 def test_refused_message_has_its_field_path(session, name, values, place, byte, error, text):

@@ -58,7 +58,7 @@ def test_request_with_an_excessive_count_fails(topic, kinds, caplog):
             assert client.wait(timeout=1)
             assert handled.pop() == number
             assert not handled
-        assert caplog.text.count("items: the writer says 5 elements; the bound is 4") == 2
+        assert caplog.text.count("items: the region has 5 elements; the bound is 4") == 2
         client.send(spoil(sort.Sort_Request(), "items"))
         timer = threading.Timer(0.05, client.send, [sort.Sort_Request(id=7)])
         timer.start()

@@ -79,11 +79,11 @@ def test_lock_of_another_bitness_is_refused_at_opening(generated: Path, demo: De
     command = [*get_command(generated, "i386"), "self", topic]
     demo.python.DemoPublisher(topic, depth=4).close()
     run = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert run.stdout.startswith(f"publisher: {BITNESS} the semaphore is of a program of other bitness"), run.stdout
+    assert run.stdout.startswith(f"publisher: {BITNESS} a program of another bitness created the semaphore"), run.stdout
     for file in Path("/dev/shm").glob(f"*{region_name(topic)}*"):
         file.unlink()
     assert subprocess.run(command, capture_output=True, check=False).returncode == 0
-    with pytest.raises(RegionUnusable, match=r'a program of 32 bits, this is one of 64, .* sync = "sequence"'):
+    with pytest.raises(RegionUnusable, match=r'a 32-bit program, which this 64-bit .* sync = "sequence"'):
         demo.python.DemoSubscriber(topic, depth=4)
 
 

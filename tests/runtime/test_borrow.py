@@ -151,7 +151,7 @@ def test_subscriber_lends_one_sample_at_a_time(msg, pair):
     publisher, subscriber = pair
     publisher.publish(msg.Cloud(id=1))
     with subscriber.borrow() as cloud:
-        with pytest.raises(runtime.Reentered, match="lent a sample already"), subscriber.borrow():
+        with pytest.raises(runtime.Reentered, match="borrowed already"), subscriber.borrow():
             pass
         assert cloud.id == 1
 

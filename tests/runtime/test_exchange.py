@@ -49,10 +49,10 @@ def test_wrong_arguments_raise_helpful_errors(topic):
     with pytest.raises(TypeError, match=r"Point takes its fields by name: Point\(x=3\)"):
         Point(3)
     with PosePublisher(topic) as publisher, PoseSubscriber(topic) as subscriber:
-        with pytest.raises(runtime.OutOfRange, match=r"dict has no attribute 'position'; make a message of it first"):
+        with pytest.raises(runtime.OutOfRange, match=r"dict has no attribute 'position'; create a message first"):
             publisher.publish({"position": 3})
         for wait in (subscriber.wait, subscriber.ready):
-            with pytest.raises(TypeError, match="a timeout is a number of seconds, not '1'"):
+            with pytest.raises(TypeError, match="timeout must be a number of seconds, not '1'"):
                 wait("1")
             assert not wait(0)
 

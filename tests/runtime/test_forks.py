@@ -72,7 +72,7 @@ def test_forked_child_keeps_no_file_and_raises_an_error(topic):
         for call in calls:
             answer = run_in_child(lambda call=call: catch_error(call))
             assert answer.startswith(f"InForkedChild: {topic}: this ")
-            assert f"belongs to process {os.getpid()}, from which this one was forked" in answer
+            assert f"was opened by process {os.getpid()} before a fork" in answer
         assert f"/dev/shm/{runtime.region_name(topic)}" in open_files()
         names = run_in_child(open_files)
         assert "pipe:" in names

@@ -308,7 +308,7 @@ def test_reference_refuses_to_publish_or_closes_during_a_copy(topic, call):
     else:
         publisher.publish(pose(1.0))
         assert subscriber.read().position.x == 1.0
-        assert errors[0].startswith(f"{topic}: this publisher is called while a call of it runs")
+        assert errors[0].startswith(f"{topic}: this publisher was called during another call")
     assert region_of(topic).semaphore.value == 1
     publisher.close()
     subscriber.close()

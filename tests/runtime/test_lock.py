@@ -440,7 +440,7 @@ def test_reader_that_spins_long_enough_does_not_sleep(topic):
 
 @pytest.mark.parametrize("spin", [-1e-6, 0.002, float("nan")])
 def test_invalid_spin_is_refused(topic, spin):
-    with pytest.raises(ValueError, match=r"it goes from 0 to 0\.001 seconds"):
+    with pytest.raises(ValueError, match=r"must be from 0 to 0\.001 seconds"):
         PoseSubscriber(topic, spin=spin)
 
 

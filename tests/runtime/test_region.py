@@ -45,15 +45,15 @@ def test_region_name_of_a_topic(topic, name):
         ("/", "is empty"),
         ("/a//b", "is empty"),
         ("/a/", "is empty"),
-        ("/a.b", "'a.b' has other characters"),
+        ("/a.b", "'a.b' has invalid characters"),
         ("/1a", "'1a' starts with a digit"),
-        ("/a b", "'a b' has other characters"),
-        ("/grün", "'grün' has other characters"),
-        ("~/pose", "stands for a node's name"),
+        ("/a b", "'a b' has invalid characters"),
+        ("/grün", "'grün' has invalid characters"),
+        ("~/pose", "replace `~` by the name"),
         ("/sem/robot", "are semaphores"),
-        ("/GWDrvSharedMemShm", "CODESYS keeps"),
-        ("/RetainMemory", "CODESYS keeps"),
-        ("/CME-request", "CODESYS keeps"),
+        ("/GWDrvSharedMemShm", "CODESYS reserves"),
+        ("/RetainMemory", "CODESYS reserves"),
+        ("/CME-request", "CODESYS reserves"),
         ("/" + "a" * 246, "246 characters"),
     ],
 )
@@ -65,7 +65,7 @@ def test_invalid_topic_reports_the_reason(topic, reason):
 def test_longest_name_allows_for_the_name_of_its_event():
     longest = 255 - len("sem.-event")
     assert runtime.region_name("/" + "a" * longest) == "a" * longest
-    with pytest.raises(ValueError, match="246 characters; a file name leaves room for 245"):
+    with pytest.raises(ValueError, match="246 characters; the limit is 245"):
         runtime.region_name("/" + "a" * (longest + 1))
 
 
@@ -178,7 +178,7 @@ def test_mismatch_is_refused_and_changes_no_byte(topic, file, semaphore_file, si
     assert ("the depth differs" in text) == (word == "the depth differs")
     assert "here:  geometry_msgs/msg/Pose, 56 bytes, digest 16#0123456789ABCDEF" in text
     assert str(file) in text
-    assert "writes it: update that side, or stop it" in text
+    assert "writes the region: update or stop it" in text
     assert file.read_bytes() == before
     assert not semaphore_file.exists()
     side(topic).close()

@@ -144,7 +144,7 @@ def test_other_layout_of_the_new_region_is_an_error(topic, file):
         file.unlink()
         with ScanPublisher(topic), ScanSubscriber(topic):
             for call in (lambda: publisher.publish(pose(2)), subscriber.read):
-                with pytest.raises(runtime.LayoutMismatch, match="writes it"):
+                with pytest.raises(runtime.LayoutMismatch, match="writes the region"):
                     poll(SOON, call and (lambda call=call: (call(), False)[1]))
 
 

@@ -312,6 +312,6 @@ def test_machine_without_barriers_is_refused(generated: Generated, topic: str, m
     monkeypatch.setattr(os, "uname", lambda: os.uname_result(("Linux", "", "", "", "sparc")))
     use_python(monkeypatch)
     monkeypatch.setattr(opening, "has_barrier", memory_order.has_barrier)
-    with pytest.raises(RegionUnusable, match="needs full memory barriers on sparc, and this Python has none"):
+    with pytest.raises(RegionUnusable, match="needs full memory barriers on sparc, which this Python lacks"):
         generated.publisher(topic)
     assert not Path(f"/dev/shm/{region_name(topic)}").exists()

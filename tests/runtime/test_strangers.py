@@ -100,17 +100,17 @@ USED = {
     "all users, as configured for root": ("mallory", "0666", "", "root", MODE_OPTION),
 }
 ALL_MAY = (
-    "every user of this machine can write it, and is not used\n"
-    '  hint: `chmod o-w {}`; if all of them may, mode = "0666"'
+    "the file is not used, because every user of this machine can write it\n"
+    '  hint: `chmod o-w {}`; to allow all users, set mode = "0666"'
 )
 REFUSED = {
     "writable by all": ("root", "0666", "", "robot", {}, ALL_MAY),
     "writable by all, and root": ("mallory", "0666", "", "root", {}, ALL_MAY),
     "writable by all, with the configured group": ("vision", "0662", "cell", "robot", GROUP_OPTION, ALL_MAY),
-    "another user's, and root": ("mallory", "0660", "", "root", {}, "it belongs to mallory, a stranger to root"),
+    "another user's, and root": ("mallory", "0660", "", "root", {}, "belongs to user mallory"),
     "another user's of a group of all users": ("mallory", "0660", "users", "robot", {}, 'group = "users" under'),
     "a person's of a group that is not configured": ("vision", "0660", "cell", "robot", {}, 'group = "cell" under'),
-    "another user's, with a configured group": ("mallory", "0660", "", "root", GROUP_OPTION, "a stranger to root"),
+    "another user's, with a configured group": ("mallory", "0660", "", "root", GROUP_OPTION, "belongs to user mallory"),
 }  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def test_refusal_names_the_setting_that_permits_the_file(results, case):
 def test_semaphore_writable_by_all_users_is_refused(topic, semaphore_file):
     PosePublisher(topic).close()
     semaphore_file.chmod(0o666)
-    with pytest.raises(runtime.PermissionDenied, match=f"{semaphore_file}: every user of this machine can write it"):
+    with pytest.raises(runtime.PermissionDenied, match=f"{semaphore_file}: the file is not used, because every"):
         PoseSubscriber(topic)
     PoseSubscriber(topic, mode=0o660).close()  # repairs the mode, because the file belongs to this user
     assert semaphore_file.stat().st_mode & 0o777 == 0o660
@@ -180,7 +180,7 @@ def test_group_that_the_creator_may_not_set_is_an_error(topic, file, monkeypatch
         raise PermissionError
 
     monkeypatch.setattr(access.os, "fchown", refuse)
-    with pytest.raises(runtime.PermissionDenied, match=f"{file}: cannot be given to group 54321; join the group"):
+    with pytest.raises(runtime.PermissionDenied, match=f"{file}: only members may set group 54321; join the group"):
         PosePublisher(topic, group=54321)
     assert not file.exists()
 

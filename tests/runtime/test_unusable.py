@@ -56,7 +56,7 @@ def test_semaphore_of_another_word_size_is_refused(topic, semaphore_file):
     PosePublisher(topic).close()
     data = semaphore_file.read_bytes()
     semaphore_file.write_bytes(data[:16] if len(data) == 32 else data + bytes(16))
-    with pytest.raises(runtime.RegionUnusable, match=r'bits, this is one of \d\d, .*sync = "sequence".*shmgen clean'):
+    with pytest.raises(runtime.RegionUnusable, match=r'bit program, which this \d\d-bit .*clean.*sync = "sequence"'):
         PosePublisher(topic)
 
 
@@ -87,7 +87,7 @@ def test_other_python_than_cpython_is_refused(tmp_path):
             [sys.executable, "-c", code + module], env=os.environ | paths, capture_output=True, text=True
         )
         assert done.stderr.splitlines()[-1].startswith(
-            "ImportError: shmgen.runtime needs CPython 3.10 or later, and this"
+            "ImportError: shmgen.runtime needs CPython 3.10 or later, but this"
         )
 
 
@@ -133,7 +133,7 @@ def test_failed_opening_keeps_no_descriptor_open(topic, monkeypatch):
 
 @in_python
 @pytest.mark.parametrize(
-    ("error", "text"), [(errno.ENOSPC, "no room for 4096 bytes"), (errno.EIO, "Input/output error")]
+    ("error", "text"), [(errno.ENOSPC, "no space for 4096 bytes"), (errno.EIO, "Input/output error")]
 )
 def test_failed_opening_leaves_no_file(topic, file, monkeypatch, error, text):
     def refuse(*_):
@@ -161,7 +161,7 @@ def test_opening_gives_up_on_a_file_that_keeps_vanishing(topic, monkeypatch, pla
         return leads_to(path, file)
 
     monkeypatch.setattr(checks, "leads_to", pretend_removal)
-    with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
+    with pytest.raises(runtime.RegionUnusable, match="another program keeps removing"):
         PosePublisher(topic)
     assert len(attempts) >= 10 - 1
 
@@ -170,7 +170,7 @@ def test_opening_gives_up_on_a_file_that_keeps_vanishing(topic, monkeypatch, pla
 def test_opening_gives_up_if_a_file_both_exists_and_is_missing(topic, monkeypatch):
     monkeypatch.setattr(opening, "opened", Mock(side_effect=FileNotFoundError))
     monkeypatch.setattr(os, "open", Mock(side_effect=FileExistsError))
-    with pytest.raises(runtime.RegionUnusable, match="keeps appearing and vanishing"):
+    with pytest.raises(runtime.RegionUnusable, match="another program keeps removing"):
         PosePublisher(topic)
 
 

@@ -452,7 +452,7 @@ class Uncertain:
 def test_sequence_with_a_wrong_length_is_rejected(kind):
     step = Step("some", kind, 8, 24 if kind is Point else 8, 5, 0)
     error = get_error(runtime.OutOfRange, "some", walker.encode_array, step, Uncertain(), bytearray(200), 8)
-    assert "len() gives 3 elements, iterating over the sequence 1" in error
+    assert "len() returns 3 elements, but an iteration yields 1" in error
 
 
 # --- errors of single numbers ----------------------------------------------------------------------

@@ -160,7 +160,7 @@ def test_echo_reports_a_damaged_count_and_prints_the_next(topic, file, tmp_path,
         (count,) = (slot for slot in slots_of("sensor_msgs/JointState", tmp_path) if slot.name == "position_count")
         region.seek(fields.header_size + fields.slot_size + header.SLOT_HEADER + count.offset)
         region.write((2**32 - 1).to_bytes(4, "little"))
-    line = f"{topic}: error[SHM702]: damaged sample: position: the writer says 4,294,967,295 elements; the bound is 3\n"
+    line = f"{topic}: error[SHM702]: damaged sample: position: the region has 4,294,967,295 elements; the bound is 3\n"
     once = shmgen("echo", topic, "--once")
     assert (once.code, once.stdout, once.stderr.partition("  hint")[0]) == (1, "", line)
     process = started("echo", topic, "-n", "2", "--json")

@@ -93,7 +93,7 @@ class ActionClient(CallEnd, Generic[Goal, Feedback, Outcome]):
         """
         number = self._calls.number
         if not number:
-            raise CallTimeout(f"{self._name}: no goal is under way")
+            raise CallTimeout(f"{self._name}: no goal is running")
         outcome = self._calls.wait(timeout)
         if outcome is None:
             raise CallTimeout(f"{self._name}: goal {number} has not ended within {timeout:g} s")

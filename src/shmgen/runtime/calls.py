@@ -215,7 +215,7 @@ class CallServer(Generic[Q, A]):
                 return
             except LockTimeout:
                 if not is_logged:
-                    log_exception(f"{self._responses.topic}: the reply to {self.number} waits for the lock")
+                    log_exception(f"{self._responses.topic}: the reply to request {self.number} waits for the lock")
                 is_logged = True
             if time.monotonic() >= deadline or self._requests.ready(0.0):
                 return

@@ -51,7 +51,7 @@ class ServiceClient(CallEnd, Generic[Request, Response]):
         deadline = time.monotonic() + timeout
         try:
             if not self._one_at_a_time.acquire(timeout=max(0.0, timeout)):
-                raise CallTimeout(f"{self._name}: another thread's call took all of the {timeout:g} s")
+                raise CallTimeout(f"{self._name}: a call of another thread used the whole timeout of {timeout:g} s")
             if not self._calls.wait_for_server(deadline - time.monotonic()):
                 raise NoServer(f"{self._name}: no server within {timeout:g} s; the request was not sent")
             number = self._calls.send_request(request, deadline)

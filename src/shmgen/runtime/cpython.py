@@ -9,6 +9,6 @@ import sys
 
 if sys.implementation.name != "cpython":
     raise ImportError(
-        f"shmgen.runtime needs CPython 3.10 or later, and this is {sys.implementation.name}: its structures take other "
-        "names, and it has no record locks that go with a descriptor (F_OFD_SETLK); start this with python3"
+        f"shmgen.runtime needs CPython 3.10 or later, but this is {sys.implementation.name}, which lacks features of "
+        "ctypes and fcntl: start this program with python3"
     )

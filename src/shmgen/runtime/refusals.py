@@ -78,8 +78,8 @@ def not_open_error(of: Settings, status: int, pid: int) -> ShmError:
     """Return the error for a call on a publisher or subscriber that is not open and that process `pid` has created."""
     if status == Status.IN_FORKED_CHILD:
         return InForkedChild(
-            f"{of.topic}: this {of.word} belongs to process {pid}, from which this one was forked; "
-            "open one here, or start processes by the method `spawn`"
+            f"{of.topic}: this {of.word} was opened by process {pid} before a fork; "
+            "open a new one in this process, or start processes with the method `spawn`"
         )
     return Closed(f"{of.topic}: this {of.word} is {'not open yet' if status == Status.OPENING else 'closed'}")
 
@@ -87,8 +87,8 @@ def not_open_error(of: Settings, status: int, pid: int) -> ShmError:
 def retired_error(of: Settings) -> RegionRetired:
     """Return the error for a publisher or subscriber whose region was removed or replaced."""
     return RegionRetired(
-        f"{of.topic}: the region was removed, or replaced by one of another layout: open this {of.word} anew, from "
-        "what is generated now"
+        f"{of.topic}: the region was removed, or replaced by a region of another layout: generate both sides again, "
+        f"and open a new {of.word}"
     )
 
 
@@ -110,7 +110,7 @@ def log_recreated(of: Settings, status: int) -> None:
 
 def borrowed_already(of: Settings) -> Reentered:
     """Return the error for a second borrow() while a sample is borrowed."""
-    return Reentered(f"{of.topic}: this {of.word} has lent a sample already: leave that `with` first")
+    return Reentered(f"{of.topic}: a sample of this {of.word} is borrowed already: end that `with` block first")
 
 
 def claim_lost(topic: str, who: str) -> ClaimLost:

@@ -140,7 +140,7 @@ class Subscriber(Endpoint, Generic[M]):
         Raises Reentered if a sample is borrowed already. Raises ValueError if the subscriber is passive.
         """
         if self._passive:
-            raise ValueError(f"{self._topic}: a passive subscriber reads copies; use read()")
+            raise ValueError(f"{self._topic}: a passive subscriber cannot borrow samples; use read()")
         at = self._end.borrow()
         if at is None:
             yield None
@@ -163,7 +163,7 @@ class Subscriber(Endpoint, Generic[M]):
         return self._map[1]
 
     def _overwritten(self) -> Overwritten:
-        return Overwritten(f"{self._topic}: the sample was overwritten while it was read in place; read the newest")
+        return Overwritten(f"{self._topic}: the sample was overwritten during an in-place read; read the newest sample")
 
     def read_all(self) -> list[M]:
         """Return all unread samples that are not overwritten yet, the oldest first."""
@@ -304,7 +304,7 @@ class Subscriber(Endpoint, Generic[M]):
 
 def _checked(timeout: float) -> float:
     if isinstance(timeout, str) or not hasattr(timeout, "__float__"):
-        raise TypeError(f"a timeout is a number of seconds, not {timeout!r:.40} ({type(timeout).__name__})")
+        raise TypeError(f"timeout must be a number of seconds, not {timeout!r:.40} ({type(timeout).__name__})")
     return timeout
 
 

@@ -414,7 +414,7 @@ static PyObject *writer_publish(PyObject *object, PyObject *const *arguments, Py
     int64_t limit = end->limit;
     bool whole;
     if (count < 1 || count > 2)
-        return PyErr_Format(PyExc_TypeError, "publish() takes a message");
+        return PyErr_Format(PyExc_TypeError, "publish() takes one message");
     if (end->step != SHMGEN_STEP_READY && end->lost == 0)
         return raise_status(self, shmgen_closed_reason(self->p.closed_status));
     if (count == 2 && arguments[1] != Py_None) {
@@ -750,7 +750,7 @@ static PyObject *sleep_any(PyObject *Py_UNUSED(module), PyObject *arguments)
         End *reader = (End *)PyTuple_GetItem(readers, index);
         if (!is_reader((PyObject *)reader)) {
             PyMem_Free(several);
-            return PyErr_Format(PyExc_TypeError, "these are for subscribers");
+            return PyErr_Format(PyExc_TypeError, "each argument must be a subscriber");
         }
         several[index] = &reader->s;
         if (status == SHMGEN_OK && (reader->link.step == SHMGEN_STEP_READY || reader->link.lost == 0)) {
@@ -801,7 +801,7 @@ static int notifier_init(PyObject *object, PyObject *arguments, PyObject *Py_UNU
 static End *reader_for(const Notifier *self, PyObject *reader)
 {
     if (!is_reader(reader))
-        PyErr_Format(PyExc_TypeError, "a notifier watches subscribers");
+        PyErr_Format(PyExc_TypeError, "a notifier watches only subscribers");
     else if (self->readers == NULL || self->c.fd < 0)
         PyErr_Format(PyExc_ValueError, "this notifier is closed");
     else

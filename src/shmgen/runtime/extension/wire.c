@@ -66,7 +66,7 @@ static bool copy_u32(Wire *wire, void *number)
 
 static bool refuse_end(const Wire *wire, const Step *step, Py_ssize_t index)
 {
-    return refuse(wire->self, step, index, "the bytes end within it");
+    return refuse(wire->self, step, index, "the bytes end within this field");
 }
 
 static bool is_ascii(const unsigned char *text, size_t length)
@@ -104,7 +104,7 @@ static bool put_time(Wire *wire, const Step *step, const unsigned char *from, Py
         return false;
     if (parts[0] < (is_signed ? INT32_MIN : 0) || parts[0] > (is_signed ? INT32_MAX : UINT32_MAX) || parts[1] < 0 ||
         parts[1] > most_nanos)
-        return refuse(wire->self, step, index, "ROS cannot hold this time");
+        return refuse(wire->self, step, index, "ROS cannot represent this time");
     words[0] = (uint32_t)parts[0];
     words[1] = (uint32_t)parts[1];
     return align(wire, 4) && copy(wire, words, 4, 2);
@@ -176,7 +176,7 @@ static bool put_decoded(Wire *wire, const Step *step, unsigned char *into, PyObj
         if (!PyErr_ExceptionMatches(PyExc_UnicodeDecodeError))
             return false;
         PyErr_Clear();
-        return refuse(wire->self, step, index, "the bytes are no text");
+        return refuse(wire->self, step, index, "the bytes are not valid text");
     }
     fits = put_text(step, into, text, &cuts) || put_by_python(wire->self, step, into, text, index);
     Py_DECREF(text);
@@ -204,7 +204,7 @@ static bool take_wide_string(Wire *wire, const Step *step, unsigned char *into, 
         text = PyUnicode_DecodeUTF16((char *)units, (Py_ssize_t)(2 * (size_t)length), "strict", &little);
         is_complete = put_decoded(wire, step, into, text, index);
     } else {
-        refuse(wire->self, step, index, "the bytes are no text");
+        refuse(wire->self, step, index, "the bytes are not valid text");
     }
     PyMem_Free(units);
     return is_complete;
@@ -239,7 +239,7 @@ static bool convert_numbers(Wire *wire, const Step *step, unsigned char *memory,
         if (wire->writes) /* a PLC may have written any byte */
             wire->bytes[wire->at - count + index] = memory[index] != 0;
         else if (memory[index] > 1)
-            return refuse(wire->self, step, step->length != 0 ? (Py_ssize_t)index : -1, "the byte is no bool");
+            return refuse(wire->self, step, step->length != 0 ? (Py_ssize_t)index : -1, "the byte is not a bool");
     return true;
 }
 
@@ -321,7 +321,7 @@ PyObject *table_to_wire(PyObject *object, PyObject *const *arguments, Py_ssize_t
         return NULL;
     head = wire.is_ros1 ? 0 : 4;
     if ((size_t)view.len != self->size) {
-        PyErr_SetString(PyExc_ValueError, "as many bytes as the message has");
+        PyErr_SetString(PyExc_ValueError, "the bytes do not have the size of the message");
     } else if ((buffer = PyMem_Malloc(head + self->wire_most)) == NULL) {
         PyErr_NoMemory();
     } else {
@@ -369,6 +369,6 @@ PyObject *table_from_wire(PyObject *object, PyObject *const *arguments, Py_ssize
         return result;
     Py_XDECREF(result);
     if (PyErr_Occurred() == NULL)
-        PyErr_SetString(PyExc_ValueError, "the bytes are no such message: another encoding, or another length");
+        PyErr_SetString(PyExc_ValueError, "the bytes have another encoding or length than the message");
     return NULL;
 }

@@ -132,7 +132,7 @@ def elements(value: Any, length: int, fixed: bool, path: str) -> list[Any]:
     except TypeError:
         raise OutOfRange(path, f"{value!r:.40} is {type(value).__name__}, not a sequence") from None
     if count != len(items):  # len() and iteration disagree
-        raise OutOfRange(path, f"len() gives {counted(count, 'element')}, iterating over the sequence {len(items)}")
+        raise OutOfRange(path, f"len() returns {counted(count, 'element')}, but an iteration yields {len(items)}")
     return items
 
 
@@ -153,7 +153,7 @@ def check_count(count: int, length: int, path: str) -> None:
     A PLC can write any count.
     """
     if count > length:
-        raise CountExceeded(path, f"the writer says {counted(count, 'element')}; the bound is {length}")
+        raise CountExceeded(path, f"the region has {counted(count, 'element')}; the bound is {length}")
 
 
 def _buffer(value: Any, code: str, size: int) -> memoryview | None:

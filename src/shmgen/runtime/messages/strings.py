@@ -63,7 +63,7 @@ def _encoded(value: Any, encoding: str, path: str) -> bytes:
     if not isinstance(value, str):
         raise OutOfRange(path, f"{value!r:.40} is {type(value).__name__}, not str")
     if "\0" in value:
-        raise OutOfRange(path, f"{value!r:.40} holds NUL, which ends a string in the PLC")
+        raise OutOfRange(path, f"{value!r:.40} contains NUL, which ends a string in the PLC")
     try:
         return value.encode(encoding)
     except UnicodeEncodeError as error:

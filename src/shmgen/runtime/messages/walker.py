@@ -107,7 +107,7 @@ def number_array(step: Step, value: Any) -> memoryview:
 def sequence(step: Step, value: Any) -> list[Any]:
     """Return the strings, times or messages of the array `value` as a list. Raises CountExceeded and OutOfRange."""
     if step.kind in TEXTS and isinstance(value, (str, bytes)):
-        raise OutOfRange(step.path, f"{type(value).__name__} where a sequence of strings is wanted")
+        raise OutOfRange(step.path, f"expected a sequence of strings, not {type(value).__name__}")
     return elements(value, step.length, step.count_at < 0, step.path)
 
 
@@ -211,7 +211,7 @@ def missing(message: Any, name: str, error: AttributeError) -> OutOfRange:
     """Return the error for a message whose attribute `name` is missing or raises `error`."""
     path = name.removesuffix("_")
     if getattr(error, "obj", message) is message and getattr(error, "name", name) == name:
-        advice = "; make a message of it first: TYPE(**values)" if isinstance(message, dict) else ""
+        advice = "; create a message first: TYPE(**values)" if isinstance(message, dict) else ""
         return OutOfRange(path, f"{type(message).__name__} has no attribute {path!r}{advice}")
     return OutOfRange(path, f"cannot encode {type(message).__name__}: {error}")
 

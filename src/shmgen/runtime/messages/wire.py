@@ -86,7 +86,7 @@ class _Writer:
             try:
                 self.put(_code_of(step, self.ros1), 4, *parts)
             except struct.error:
-                raise OutOfRange(place(step, index), "ROS cannot hold this time") from None
+                raise OutOfRange(place(step, index), "ROS cannot represent this time") from None
         elif step.kind not in TEXTS:
             inside(place(step, index), self.message, step.kind, at)
         elif step.kind.startswith("utf-16"):  # four bytes per unit, as in rosidl's code for Fast DDS
@@ -134,7 +134,7 @@ class _Reader:
         (data,) = self.take(f"{count * step.size}s", step.size, step, -1)
         if step.kind == "bool" and (wrong := data.translate(None, b"\0\1")):
             index = data.index(wrong[0]) if step.length else -1
-            raise OutOfRange(place(step, index), "the byte is no bool")
+            raise OutOfRange(place(step, index), "the byte is not a bool")
         if self.order == ">":  # swap the bytes without decoding them, so that a signalling NaN keeps all bits
             data = b"".join(data[at : at + step.size][::-1] for at in range(0, len(data), step.size))
         self.out[at : at + len(data)] = data
@@ -160,14 +160,14 @@ class _Reader:
                 raise OutOfRange(place(step, index), "the text does not end in NUL")
             return str(data if self.ros1 else data[:-1], "utf-8")
         except (UnicodeDecodeError, struct.error):
-            raise OutOfRange(place(step, index), "the bytes are no text") from None
+            raise OutOfRange(place(step, index), "the bytes are not valid text") from None
 
     def take(self, code: str, align: int, step: Step, index: int) -> tuple[Any, ...]:
         if not self.ros1:
             self.at += -self.at % align
         start, self.at = self.at, self.at + struct.calcsize(self.order + code)
         if self.at > len(self.data):
-            raise OutOfRange(place(step, index), "the bytes end within it")
+            raise OutOfRange(place(step, index), "the bytes end within this field")
         return struct.unpack_from(self.order + code, self.data, start)
 
 

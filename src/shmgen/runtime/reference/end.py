@@ -216,8 +216,8 @@ class End:
         """
         if self._caller.get(_BY) == get_ident():
             raise Reentered(
-                f"{self.of.topic}: this {self.of.word} is called while a call of it runs: a signal handler, a "
-                "property or a finalizer cannot use it then; the extension in C can"
+                f"{self.of.topic}: this {self.of.word} was called during another call: do not use it in a signal "
+                "handler, property or finalizer, or install the extension in C"
             )
         try:
             try:

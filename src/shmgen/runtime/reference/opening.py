@@ -44,9 +44,9 @@ def open_region(of: Settings, writes: bool = False) -> Generator[int, None, Regi
     name = region_name(of.topic)
     if of.sequence and not has_barrier():
         raise RegionUnusable(
-            f'{of.topic}: sync = "sequence" needs full memory barriers on {os.uname().machine}, and this Python has '
-            "none: install shmgen with its extension in C (a compiler and Python's headers), or allow membarrier(2) "
-            'here; between programs of one bitness sync = "lock" works as well'
+            f'{of.topic}: sync = "sequence" needs full memory barriers on {os.uname().machine}, which this Python '
+            "lacks: install shmgen with its extension in C (a compiler and Python's headers), or allow membarrier(2). "
+            'If all programs have the same bitness, sync = "lock" works as well'
         )
     if not of.sequence:
         checks.need_glibc(of.topic)
@@ -170,7 +170,7 @@ def _open_or_create(of: Settings, path: str, make: Callable[[Access], None]) -> 
                 while objection := access.objection(os.fstat(file.fileno()), path):
                     if time.monotonic() > deadline:
                         who, leave = objection
-                        raise PermissionDenied(f"{path}: {who}, and is not used\n  hint: {leave}")
+                        raise PermissionDenied(f"{path}: the file is not used, because {who}\n  hint: {leave}")
                     yield ADMIT
                 so_far.pop_all()
                 return file

@@ -66,7 +66,7 @@ class Access(NamedTuple):
             os.fchmod(file, self.creation_mode)
         except PermissionError:
             raise PermissionDenied(
-                f"{path}: cannot be given to group {self.gid}; join the group (`usermod -aG`) or leave `group` out"
+                f"{path}: only members may set group {self.gid}; join the group (`usermod -aG`) or remove `group`"
             ) from None
 
     def correct(self, file: int, path: str) -> None:
@@ -93,15 +93,16 @@ class Access(NamedTuple):
         if (self.mode or 0) & stat.S_IWOTH:
             return None
         if status.st_mode & stat.S_IWOTH:
-            leave = 'if all of them may, mode = "0666" under [regions] in shmgen.toml, or mode=0o666 in Python'
+            leave = 'to allow all users, set mode = "0666" under [regions] in shmgen.toml, or mode=0o666 in Python'
             return "every user of this machine can write it", f"`chmod o-w {path}`; {leave}"
         if status.st_gid == self.gid or _known(status):
             return None
         group = name_of_group(status.st_gid)
         leave = (
-            f'if those of {group} may, group = "{group}" under [regions] in shmgen.toml, or group="{group}" in Python'
+            f'to allow its group, set group = "{group}" under [regions] in shmgen.toml, or group="{group}" in Python'
         )
-        return f"it belongs to {name_of_user(status.st_uid)}, a stranger to {name_of_user(os.geteuid())}", leave
+        owner, user = name_of_user(status.st_uid), name_of_user(os.geteuid())
+        return f"it belongs to user {owner}, but this program runs as {user}", leave
 
 
 def access_for(options: RegionOptions) -> Access:
@@ -136,11 +137,11 @@ def denied(path: str) -> PermissionDenied:
     try:
         status = os.lstat(path)
     except OSError:
-        return PermissionDenied(f"{path} cannot be made: see the permissions of /dev/shm")
+        return PermissionDenied(f"{path} cannot be created: check the permissions of /dev/shm")
     owner, group = name_of_user(status.st_uid), name_of_group(status.st_gid)
     return PermissionDenied(
-        f"{path} belongs to {owner}:{group} with mode {status.st_mode & 0o7777:o}, and this is user "
-        f"{os.geteuid()}: {way_in(status)}"
+        f"{path} belongs to {owner}:{group} with mode {status.st_mode & 0o7777:o}, but this program runs as "
+        f"user {os.geteuid()}: {way_in(status)}"
     )
 
 
@@ -153,7 +154,7 @@ def way_in(status: os.stat_result) -> str:
     if status.st_gid == 0 or group in _POWERFUL_GROUPS:
         return (
             f"run both sides as one user, or set `group` under [regions] in shmgen.toml to a group of both users and "
-            f"let the other side create it again; do not join {group}, which grants far more than this file"
+            f"let the other side create the file again; do not join {group}, which grants far more than this file"
         )
     if status.st_mode & 0o060 != 0o060:
         return "its group may not open it either: let its owner create it with mode 0660, or `chmod g+rw` it"

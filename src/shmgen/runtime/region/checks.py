@@ -41,7 +41,7 @@ def opened_to_read(name: str) -> io.FileIO:
     try:
         return opened(path, os.O_RDONLY)
     except FileNotFoundError:
-        raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of it") from None
+        raise RegionMissing(f"{path} does not exist: start a publisher or a subscriber of this topic") from None
     except PermissionError:
         raise denied(path) from None
 
@@ -84,11 +84,11 @@ def check_header(topic: str, ours: h.Header, file: io.FileIO) -> None:
     if not _is_of_this_abi(theirs):
         advice += f"; if the region is a leftover, remove it: `shmgen clean {topic}`"
     elif byte_is_locked(file.fileno(), WRITER_LOCK) or theirs.writer == h.PLC:
-        advice += f"; {describe_writer(file.fileno(), theirs.writer)} writes it: update that side, or stop it"
+        advice += f"; {describe_writer(file.fileno(), theirs.writer)} writes the region: update or stop it"
     elif byte_is_locked(file.fileno(), READER_LOCK):
-        advice += "; others read it, and a reader does not replace it: stop them, or start the publisher"
+        advice += "; other subscribers use the region: stop these subscribers, or start the publisher"
     raise LayoutMismatch(
-        f"{topic}: {region_file(name)} holds another layout\n  there: {theirs}\n  here:  {ours}\n  {advice}"
+        f"{topic}: {region_file(name)} has another layout\n  there: {theirs}\n  here:  {ours}\n  {advice}"
     )
 
 
@@ -102,9 +102,9 @@ def check_semaphore(file: int, path: str) -> None:
     data = os.pread(file, max(_SIZES) + 1, 0)
     if len(data) in _SIZES and len(data) != _OURS:
         raise RegionUnusable(
-            f"{path} was made by a program of {2 * len(data)} bits, this is one of {2 * _OURS}, and no semaphore "
-            'crosses that: write sync = "sequence" under [regions] in shmgen.toml, generate both sides again, and '
-            "remove it; or remove it, if it is a leftover: `shmgen clean`"
+            f"{path} is a semaphore of a {2 * len(data)}-bit program, which this {2 * _OURS}-bit program cannot use: "
+            "remove it with `shmgen clean`; if both programs must run, also write "
+            'sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
         )
     if len(data) != _OURS or _SHARING.unpack_from(data)[0] not in _SHARED:
         raise RegionUnusable(f"{path} is not a semaphore of this machine's C library: remove it and start again")
@@ -119,20 +119,20 @@ def need_glibc(topic: str) -> None:
         os.confstr("CS_GNU_LIBC_VERSION")
     except (OSError, ValueError):
         raise RegionUnusable(
-            f"{topic}: a lock takes glibc's semaphores, which musl (Alpine) does not have: run this in an image with "
-            'glibc, as Debian\'s, or write sync = "sequence" into shmgen.toml and generate both sides again'
+            f"{topic}: the lock needs semaphores of glibc, which musl (Alpine) does not have: use an image with glibc, "
+            'such as Debian, or write sync = "sequence" under [regions] in shmgen.toml, and generate both sides again'
         ) from None
 
 
 def file_vanishes_error(path: str) -> RegionUnusable:
     """Return the error for a file that another program keeps removing."""
-    return RegionUnusable(f"{path} keeps appearing and vanishing: something removes it; stop that and start again")
+    return RegionUnusable(f"{path}: another program keeps removing this file: stop that program, and start again")
 
 
 def raise_system_error(path: str, number: int, size: int) -> NoReturn:
     """Raise RegionUnusable for an errno that a system call returned for a region of `size` bytes."""
     if number == errno.ENOSPC:
-        raise RegionUnusable(f"{path}: no room for {size} bytes; see `df /dev/shm` (docker: `--shm-size`)")
+        raise RegionUnusable(f"{path}: no space for {size} bytes; see `df /dev/shm` (docker: `--shm-size`)")
     raise RegionUnusable(f"{path}: {os.strerror(number)}; see `ulimit -a` and `df /dev/shm`")
 
 
@@ -173,7 +173,7 @@ def log_replaced(topic: str, word: str, is_depth: bool) -> None:
 
 def region_in_use_error(topic: str, who: str) -> RegionInUse:
     """Return the error for a second writer of a topic. `who` is the text for the first writer."""
-    return RegionInUse(f"{topic}: {who} publishes already; one writer a topic: stop that one first")
+    return RegionInUse(f"{topic}: {who} publishes already: stop it first, because a topic has only one publisher")
 
 
 def _is_of_this_abi(header: h.Header) -> bool:

@@ -25,21 +25,21 @@ def region_name(topic: str) -> str:
     parts = full.split("/")
     name = ".".join(parts) + dash + half
     if topic.startswith("~"):
-        raise ValueError(f"topic {topic!r}: `~` stands for a node's name; write the name out")
+        raise ValueError(f"topic {topic!r}: replace `~` by the name of the node")
     if not all(parts):
-        raise ValueError(f"topic {topic!r}: a part between slashes is empty; write it like `/cell/pose`")
+        raise ValueError(f"topic {topic!r}: a part between slashes is empty; write a topic such as `/cell/pose`")
     for part in parts:
         if not (part.isascii() and part.isidentifier()):
-            why = "starts with a digit" if part[0].isdigit() else "has other characters"
+            why = "starts with a digit" if part[0].isdigit() else "has invalid characters"
             raise ValueError(f"topic {topic!r}: {part!r} {why}; use letters, digits and `_`")
     if dash and half not in HALVES:
-        raise ValueError(f"topic {topic!r}: a `-` precedes only {', '.join(HALVES)}; write it like `/cell/pose`")
+        raise ValueError(f"topic {topic!r}: only {', '.join(HALVES)} may follow a `-`; write `/cell/pose`")
     if parts[0] == "sem" and len(parts) > 1:
         raise ValueError(f"topic {topic!r}: files /dev/shm/sem.* are semaphores; choose another first part than `sem`")
     if parts[0].upper() in TAKEN and len(parts) == 1:
-        raise ValueError(f"topic {topic!r}: CODESYS keeps /dev/shm/{parts[0]}* for itself; choose another name")
+        raise ValueError(f"topic {topic!r}: CODESYS reserves /dev/shm/{parts[0]}*; choose another name")
     if len(name) > _LONGEST:
-        raise ValueError(f"topic {topic!r}: {len(name)} characters; a file name leaves room for {_LONGEST}")
+        raise ValueError(f"topic {topic!r}: the name has {len(name)} characters; the limit is {_LONGEST}")
     return name
 
 

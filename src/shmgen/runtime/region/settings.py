@@ -70,10 +70,10 @@ def settings_for(
     Raises ValueError if the topic, the depth, `lock_timeout` or `spin` is invalid.
     """
     if not 0 <= spin <= _MOST_SPIN:
-        raise ValueError(f"spin is {spin}; it goes from 0 to {_MOST_SPIN} seconds")
+        raise ValueError(f"spin is {spin}, but must be from 0 to {_MOST_SPIN} seconds")
     longest = abi.RECOVER_MS / 1000
     if lock_timeout is not None and not 0 <= lock_timeout <= longest:
-        raise ValueError(f"lock_timeout is {lock_timeout}; it goes from 0 to {longest:.0f} second")
+        raise ValueError(f"lock_timeout is {lock_timeout}, but must be from 0 to {longest:.0f} second")
     region_name(topic)
     header = header_for(kind._type_name_, kind._digest_, ctypes.sizeof(kind), depth)
     options = kind._regions_.but(mode, group)
