@@ -51,7 +51,7 @@ def test_release_needs_a_date_in_the_changelog(heading: str, code: int, tmp_path
 def test_notes_are_one_section_with_absolute_links(tmp_path: Path) -> None:
     process = run_step(
         tmp_path,
-        step("Copy the version's section of CHANGELOG.md into the release notes"),
+        step("Copy the release notes from CHANGELOG.md"),
         f"## {__version__} ({DATE})",
     )
     assert process.returncode == 0, process.stderr
