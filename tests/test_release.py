@@ -45,11 +45,15 @@ def run_step(folder: Path, script: str, heading: str) -> subprocess.CompletedPro
     ],
 )
 def test_release_needs_a_date_in_the_changelog(heading: str, code: int, tmp_path: Path) -> None:
-    assert run_step(tmp_path, step("Tag, version and changelog agree"), heading).returncode == code
+    assert run_step(tmp_path, step("Compare tag, version and changelog"), heading).returncode == code
 
 
 def test_notes_are_one_section_with_absolute_links(tmp_path: Path) -> None:
-    process = run_step(tmp_path, step("Notes are the section of CHANGELOG.md"), f"## {__version__} ({DATE})")
+    process = run_step(
+        tmp_path,
+        step("Copy the release notes from CHANGELOG.md"),
+        f"## {__version__} ({DATE})",
+    )
     assert process.returncode == 0, process.stderr
     notes = (tmp_path / "notes.md").read_text(encoding="utf-8")
     assert "### Generating" in notes
