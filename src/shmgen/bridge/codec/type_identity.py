@@ -43,7 +43,7 @@ class Identity:
         if not announced.startswith("RIHS01_") or announced == _NONE:
             self._once("", f"a peer announces no type hash; its {self.type.short} is assumed to be the same")
             return ""
-        why = f"a peer defines {self.type.short} differently: its type hash is {announced}, the bridge's {self.ours}"
+        why = f"a peer uses another definition of {self.type.short}: its type hash is {announced}, not {self.ours}"
         if self.accepts_other:
             self._once(announced, f'{why}; the bridge accepts it, because of other_definition = "accept"')
             return ""
