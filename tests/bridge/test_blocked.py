@@ -155,7 +155,7 @@ def test_blocked_publish_stops_no_other_topic(start_blocked: Callable[..., Block
 
 def test_blocked_creation_stops_no_other_topic(start_blocked: Callable[..., BlockedBridge]) -> None:
     run = start_blocked("create", "free", at_once=True)
-    run.bridge.wait_for_line("/blocked: ROS has not connected it within")
+    run.bridge.wait_for_line("/blocked: ROS did not connect this entry within")
     run.bridge.wait_for_line("^running")
     run.publish("out")
     run.bridge.wait_for_line(f"sent {run.topics['out']}")

@@ -176,7 +176,7 @@ def test_mismatch_is_refused_and_changes_no_byte(topic, file, semaphore_file, si
     text = str(caught.value)
     assert word in text
     assert ("the depth differs" in text) == (word == "the depth differs")
-    assert "here:  geometry_msgs/msg/Pose, 56 bytes, digest 16#0123456789ABCDEF" in text
+    assert "here:   geometry_msgs/msg/Pose, 56 bytes, digest 16#0123456789ABCDEF" in text
     assert str(file) in text
     assert "writes the region: update or stop it" in text
     assert file.read_bytes() == before
@@ -221,7 +221,7 @@ def test_mismatch_of_size_or_type_is_refused(topic, file):
     before = file.read_bytes()
     with file.open("r+b") as stream:
         assert record_locks.lock_byte(stream.fileno(), WRITER_LOCK)
-        with pytest.raises(runtime.LayoutMismatch, match="there: geometry_msgs/msg/Pose, 56 bytes, digest"):
+        with pytest.raises(runtime.LayoutMismatch, match="region: geometry_msgs/msg/Pose, 56 bytes, digest"):
             ScanSubscriber(topic)
         stream.truncate(8192)
         with pytest.raises(runtime.LayoutMismatch, match="8,192 bytes in all"):

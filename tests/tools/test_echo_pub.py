@@ -210,8 +210,8 @@ def test_echo_finds_the_layout_by_its_digest(topic, tmp_path, shmgen):
     result = shmgen("echo", topic, "--once")
     assert (result.code, result.stdout) == (1, "")
     fields = header.unpack(Path(f"/dev/shm/{topic[1:].replace('/', '.')}").read_bytes(), 0)
-    assert f"there: digest 16#{fields.digest:016X}\n" in result.stderr
-    assert "here:  digest 16#" in result.stderr
+    assert f"region: digest 16#{fields.digest:016X}\n" in result.stderr
+    assert "here:   digest 16#" in result.stderr
     assert "by shmgen.toml" in result.stderr
     assert "-c" in result.stderr
     assert shmgen("echo", topic, "--once", "-c", "other.toml").code == 0

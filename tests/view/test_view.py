@@ -387,7 +387,7 @@ class Server:
 
     def next_url(self):
         """Return the address for another browser, which the server prints after the former address was used."""
-        return self.process.stdout.readline().removeprefix("opened; for another browser: ").strip()
+        return self.process.stdout.readline().removeprefix("the page was opened; address for another browser: ").strip()
 
     def close(self):
         self.process.terminate()

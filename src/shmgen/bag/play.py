@@ -194,7 +194,8 @@ def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
     if not digest and _plain(channel.text) != _plain(kind.text):
         raise LayoutMismatch(
             f"{path}: {topic_in(channel)}: {channel.type} has another definition in the bag\n"
-            f"  there:\n{_indented(channel.text)}\n  here:\n{_indented(kind.text)}"
+            f"  bag:\n{_indented(channel.text)}\n  here:\n{_indented(kind.text)}\n"
+            "  hint: give the folder with the definitions of the bag with -I"
         )
     return kind
 

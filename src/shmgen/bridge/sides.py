@@ -164,7 +164,7 @@ class Sides:
                     left, since = len(waiting), time.monotonic()
                 elif waiting and time.monotonic() - since > _START_LIMIT:
                     name = waiting.pop(0).about.name
-                    self.log(f"{name}: ROS has not connected it within {_START_LIMIT:g} s; the others continue")
+                    self.log(f"{name}: ROS did not connect this entry within {_START_LIMIT:g} s; the others continue")
                     break
         if failed:
             raise failed[-1]

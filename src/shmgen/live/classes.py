@@ -220,10 +220,10 @@ def _without_fields(header: Header) -> type[Message]:
 
 
 def _mismatch(request: str, digest: int | None, tried: list[config_of_lock.Known]) -> LayoutMismatch:
-    here = "\n".join(f"  here:  {known}" for known in tried)
+    here = "\n".join(f"  here:   {known}" for known in tried)
     return LayoutMismatch(
         f"the region has another layout of {request} than this folder\n"
-        f"  there: digest 16#{digest:016X}\n{here}\n"
+        f"  region: digest 16#{digest:016X}\n{here}\n"
         "  hint: run this in the folder whose shmgen.toml the other program was generated from, or give that file "
         "with -c, and the folders of your own messages with -I"
     )

@@ -95,7 +95,7 @@ class Page(Server):
         """
         self._token = secrets.token_urlsafe(24)
         self._redirect_files.close()
-        self._tell(f"opened; for another browser: {self.address}")
+        self._tell(f"the page was opened; address for another browser: {self.address}")
         answer = web.Response(headers={"Refresh": f"0; url={self._path}/"})
         answer.set_cookie(_COOKIE, self._key, httponly=True, samesite="Strict", path=f"{self._path}/")
         return answer

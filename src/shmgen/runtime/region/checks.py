@@ -88,7 +88,7 @@ def check_header(topic: str, ours: h.Header, file: io.FileIO) -> None:
     elif byte_is_locked(file.fileno(), READER_LOCK):
         advice += "; other subscribers use the region: stop these subscribers, or start the publisher"
     raise LayoutMismatch(
-        f"{topic}: {region_file(name)} has another layout\n  there: {theirs}\n  here:  {ours}\n  {advice}"
+        f"{topic}: {region_file(name)} has another layout\n  region: {theirs}\n  here:   {ours}\n  {advice}"
     )
 
 
