@@ -262,8 +262,8 @@ class RosActionClient(Protocol):
         """Let `fill` fill an empty goal, and send the goal. Return None if the server rejects the goal.
 
         If the server accepts the goal, return a function that cancels the goal, and may block its thread for 2 s.
-        `follower` receives the feedback and the result. Raises NoAnswer, and cancels
-        the goal, if the server does not answer within `timeout` seconds.
+        `follower` receives the feedback and the result. Raises NoAnswer, and cancels the goal, if the server does not
+        answer within `timeout` seconds.
         """
 
 

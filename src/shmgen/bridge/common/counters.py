@@ -20,7 +20,8 @@ SHOWN = ("rejected", "truncated", "rate_limited", "missed", "failed", "refused",
 class Counters:
     """The numbers of messages, calls or goals of a topic, service or action since the bridge started.
 
-    This class implements ErrorSink.
+    The class implements ErrorSink of backend.py.
+
     * `passed`: delivered, including the `truncated` messages.
     * `truncated`: delivered, but shortened to fit the region.
     * `rejected`: invalid, or too long for the region.
