@@ -128,7 +128,7 @@ def _table(size: int, rate: int, ways: list[str], compiled: dict[str, Path], rou
     for (way, mode), results in results_by_row.items():
         here = [one for one in results if one]
         if not here:
-            print(f"  {mode:<6}{way:<34}{'nothing came':>12}")
+            print(f"  {mode:<6}{way:<34}{'no sample':>12}")
             continue
         pairs = zip(results, results_by_row["shmgen", mode], strict=True)
         ratio = statistics.median([one[0] / base[0] for one, base in pairs if one and base] or [float("nan")])

@@ -20,7 +20,7 @@ from stage import cell  # noqa: E402
 def main() -> int:
     """Run the demo. Return 0 if the belt slowed down for the robot, and stopped when the robot stopped publishing."""
     if not PYTHON.exists():
-        sys.exit(f"{PYTHON} is not there: `make test-all` as root installs Debian's ROS 1 and makes it")
+        sys.exit(f"{PYTHON} is missing: `make test-all` as root installs Debian's ROS 1 and creates it")
     with cell(HERE, "blark") as here, ExitStack() as processes:
         here.generate()
         here.start_plc("PRG_Belt")
@@ -33,7 +33,7 @@ def main() -> int:
                 break
         speeds = [ros.speed_with_robot_at(x) for x in (3.0, 1.0, 0.25)]
         time.sleep(FORGET)
-        print("\n   the robot sends nothing more", flush=True)
+        print("\n   the robot stops sending", flush=True)
         speeds.append(ros.speed())
     print(f"\n   the belt ran at {', '.join(f'{speed:g}' for speed in speeds)} m/s", flush=True)
     return 0 if speeds == [1.2, 0.6, 0.15, 0.0] else 1

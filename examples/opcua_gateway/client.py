@@ -25,7 +25,7 @@ async def watch(endpoint: str, seconds: float = 60.0) -> int:
                 show(state)
                 return 0
             await asyncio.sleep(0.1)
-    print(f"nothing came in {seconds} s", file=sys.stderr)
+    print(f"no value was received within {seconds} s", file=sys.stderr)
     return 1
 
 

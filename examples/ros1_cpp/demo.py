@@ -25,7 +25,7 @@ from stage import Cell, cell  # noqa: E402
 def main() -> int:
     """Run the demo. Return 0 if the belt slowed down for the robot, and stopped when the robot stopped publishing."""
     if not PYTHON.exists() or not Path("/usr/include/ros/ros.h").exists() or not shutil.which("cmake"):
-        sys.exit("there is no ROS 1 in C++ here: `make test-all` as root installs Debian's")
+        sys.exit("ROS 1 for C++ is missing: `make test-all` as root installs Debian's")
     with cell(HERE, "blark") as here, ExitStack() as processes:
         here.generate()
         node = build(here)
@@ -43,7 +43,7 @@ def main() -> int:
         print(f"   {process.stdout.readline().strip()}", flush=True)
         speeds = [ros.speed_with_robot_at(x) for x in (3.0, 1.0, 0.25)]
         time.sleep(FORGET)
-        print("\n   the robot sends nothing more", flush=True)
+        print("\n   the robot stops sending", flush=True)
         speeds.append(ros.speed())
     print(f"\n   the belt ran at {', '.join(f'{speed:g}' for speed in speeds)} m/s", flush=True)
     return 0 if speeds == [1.2, 0.6, 0.15, 0.0] else 1

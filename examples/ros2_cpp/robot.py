@@ -35,7 +35,7 @@ def main() -> int:
     speeds = []
     for x, expected in ((3.0, 1.2), (1.0, 0.6), (0.25, 0.15), (None, 0.0)):
         speeds.append(wait_for_speed(x, expected))
-        print(f"   robot at {x} m, belt at {speeds[-1]:g} m/s" if x else "   the robot sends nothing more", flush=True)
+        print(f"   robot at {x} m, belt at {speeds[-1]:g} m/s" if x else "   the robot stops sending", flush=True)
     print(f"   the belt ran at {', '.join(f'{speed:g}' for speed in speeds)} m/s", flush=True)
     return 0 if speeds == [1.2, 0.6, 0.15, 0.0] else 1
 

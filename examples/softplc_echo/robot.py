@@ -24,7 +24,7 @@ def main(poses: str, states: str) -> int:
     """Walk to the belt and back. Return 0 if the belt stopped and ran, and the PLC accounted for nearly every pose."""
     seen: set[str] = set()
     state: ConveyorState | None = None
-    print(f"   the robot is process {os.getpid()}; its distance, and what the PLC says of the belt")
+    print(f"   the robot is process {os.getpid()}; the lines show its distance and the belt")
     with PosePublisher(poses) as publisher, ConveyorStateSubscriber(states) as subscriber:
         start = time.monotonic()
         last_line = -1
@@ -52,7 +52,7 @@ def main(poses: str, states: str) -> int:
             missed = read_header(region_name(poses)).missed
     print(f"   {sent} poses sent, {received} received by the PLC")
     if missed:
-        print(f"   {missed} overwritten before the PLC's next cycle, on a busy machine: depth 1 keeps the newest")
+        print(f"   {missed} overwritten before the PLC's next cycle, because depth 1 keeps only the newest sample")
     return 0 if seen == set(MODES.values()) and received > 0 and received + missed > 0.9 * sent else 1
 
 

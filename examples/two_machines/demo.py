@@ -98,7 +98,7 @@ class Machine:
 def main() -> int:
     """Run the demo. Return 0 if all flows recovered and all losses were counted, or 77 without root or namespaces."""
     if os.geteuid() or subprocess.run(["unshare", "-n", "-m", "true"], check=False).returncode:
-        print("this needs root, and namespaces")
+        print("this demo needs root and network namespaces")
         return 77
     parser = argparse.ArgumentParser()
     parser.add_argument("--backend", default="dds")
@@ -132,7 +132,7 @@ def main() -> int:
         begun = time.monotonic()
         wait(lambda: not any(machine.statistics()["stale_since"] for machine in both))
         again = time.monotonic() - begun
-        print(f"  link down for 4 s: xStale after {max(stale):.1f} s, gone {again:.1f} s after it was up")
+        print(f"  link down for 4 s: xStale after {max(stale):.1f} s, FALSE again {again:.1f} s after the link was up")
         time.sleep(1)
         print_statistics("after the cut", both)
 
@@ -160,14 +160,14 @@ def print_statistics(when: str, machines: tuple[Machine, Machine]) -> None:
         plc, lost = machine.statistics(new=True), machine.count_lost()
         late, calls = (sorted(1e3 * seconds for seconds in plc[key]) for key in ("late", "calls"))
         print(
-            f"    {machine.other} to {machine.name}: {len(late)} came,"
+            f"    {machine.other} to {machine.name}: {len(late)} messages,"
             f" p50 {at(late, 0.5):.1f} ms, p99 {at(late, 0.99):.1f} ms;"
-            f" {len(calls)} calls, p50 {at(calls, 0.5):.1f} ms; in all not come {plc['gaps']}, counted by the PLC"
+            f" {len(calls)} calls, p50 {at(calls, 0.5):.1f} ms; {plc['gaps']} lost, counted by the PLC"
             f" {plc['missed']} and by the bridge {lost}; calls failed {plc['failed']}",
             flush=True,
         )
         if plc["gaps"] != plc["missed"] + lost:
-            raise SystemExit("something is lost that nobody has counted")
+            raise SystemExit("a lost message was not counted")
 
 
 def at(values: list[float], share: float) -> float:
