@@ -119,7 +119,7 @@ class Line:
         self.reports: list[Any] = []
         self.inside = 0
         self.most_inside = 0
-        self.new = scene.backend.subscribe(wire, self.take, _ErrorSink(self.reports)).new
+        self.new = scene.backend.subscribe(wire, self.take, Errors(self.reports)).new
         self.outlet = scene.backend.publisher(wire)
 
     def take(self, message: Any) -> None:
@@ -152,23 +152,23 @@ class Line:
         self.messages.clear()
 
 
-class _ErrorSink:
-    """An ErrorSink that appends all reports to `reports`."""
+class Errors:
+    """An ErrorSink that appends all reports to `logged`."""
 
-    def __init__(self, reports: list[Any]) -> None:
-        self._reports = reports
+    def __init__(self, logged: list[Any] | None = None) -> None:
+        self.logged = [] if logged is None else logged
 
     def reject(self, why: str) -> None:
-        self._reports.append(why)
+        self.logged.append(why)
 
     def refuse(self, why: str) -> None:
-        self._reports.append(why)
+        self.logged.append(why)
 
     def set_incompatible_peer(self, reason: str) -> None:
-        self._reports += [reason] if reason else []
+        self.logged += [reason] if reason else []
 
     def lose(self, count: int) -> None:
-        self._reports.append(count)
+        self.logged.append(count)
 
 
 def until(condition: Callable[[], Any], pause: float = 0.01) -> None:
@@ -299,7 +299,7 @@ class _SubscriberOnly(Line):
 
     def __init__(self, scene: Scene, wire: Wire) -> None:
         self.messages, self.reports, self.inside, self.most_inside = [], [], 0, 0
-        scene.backend.subscribe(wire, self.take, _ErrorSink(self.reports))
+        scene.backend.subscribe(wire, self.take, Errors(self.reports))
 
 
 # --- services ----------------------------------------------------------------------------------------------
@@ -371,7 +371,7 @@ def _answer_call(request: Any, response: Any) -> None:
 def _serve_and_call(scene: Scene, answer: Callable[[Any, Any], None], wire: ServiceWire | None = None) -> RosClient:
     """Serve the service, and return a client whose first call has been answered."""
     wire = wire or scene.service()
-    scene.backend.serve(wire, answer, _ErrorSink(scene.logged))
+    scene.backend.serve(wire, answer, Errors(scene.logged))
     caller = scene.backend.client(wire)
     until(lambda: _is_answered(caller))
     return caller
@@ -417,7 +417,7 @@ class Work:
         self.feedbacks: list[list[int]] = []
         self.ends: list[tuple[int, Any, str]] = []
         wire = scene.action()
-        logged = _ErrorSink(scene.logged)
+        logged = Errors(scene.logged)
         scene.backend.actions.serve(scene.backend, wire, self, logged)
         self.action_client = scene.backend.actions.action_client(scene.backend, wire, logged)
 
@@ -479,7 +479,7 @@ def cancel_reaches_its_goal(scene: Scene) -> None:
 
 def goal_without_server_raises_no_answer(scene: Scene) -> None:
     """Raise NoAnswer soon after the timeout."""
-    action_client = scene.backend.actions.action_client(scene.backend, scene.action(), _ErrorSink(scene.logged))
+    action_client = scene.backend.actions.action_client(scene.backend, scene.action(), Errors(scene.logged))
     started_at = time.monotonic()
     try:
         action_client.send(lambda goal: None, 0.5, None)  # type: ignore[arg-type]

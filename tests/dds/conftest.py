@@ -18,6 +18,7 @@ from shmgen.config import Config
 from shmgen.core.model import Schema
 from shmgen.generator import pipeline
 
+from ..bridge import contract
 from ..support.dds import LOOPBACK, Domain
 from . import peers
 
@@ -106,21 +107,10 @@ def peer(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return peers.build(request.param, shared / "dds_peers", schema.messages, topics)
 
 
-class Errors:
+class Errors(contract.Errors):
     """An ErrorSink that appends reports to `logged` and counts lost messages in `lost`."""
 
-    def __init__(self, logged: list[str] | None = None) -> None:
-        self.logged = [] if logged is None else logged
-        self.lost = 0
-
-    def reject(self, why: str) -> None:
-        self.logged.append(why)
-
-    def refuse(self, why: str) -> None:
-        self.logged.append(why)
-
-    def set_incompatible_peer(self, reason: str) -> None:
-        self.logged += [reason] if reason else []
+    lost = 0
 
     def lose(self, count: int) -> None:
         self.lost += count
