@@ -80,7 +80,7 @@ def test_links_of_the_readme_on_pypi_are_absolute(monkeypatch: pytest.MonkeyPatc
     """Reject relative links. Each link to the repository names an existing file or folder, or a picture's bytes."""
     monkeypatch.setenv("SHMGEN_REPOSITORY", "https://example.org/shmgen/")
     metadata = {"version": "1.2.3"}
-    build_hook().Metadata(str(REPOSITORY), {}).update(metadata)
+    build_hook().ReadmeHook(str(REPOSITORY), {}).update(metadata)
     links = re.findall(r"\]\(([^)\s]+)\)", metadata["readme"]["text"])
     ours = [link.removeprefix("https://example.org/shmgen/") for link in links if "example.org" in link]
     assert len(ours) > 20
@@ -108,7 +108,7 @@ def test_extension_is_compiled_only_for_cpython_on_linux(
     with monkeypatch.context() as other_python:
         other_python.setattr(of, name, value)
         note = compiled(tmp_path / "_core.abi3.so")
-    assert (note, [*tmp_path.iterdir()]) == ("the extension is for CPython with its lock, on Linux", [])
+    assert (note, [*tmp_path.iterdir()]) == ("the extensions require Linux and CPython with the GIL", [])
 
 
 def test_wheel_generates_without_jinja(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +116,7 @@ def test_wheel_generates_without_jinja(tmp_path: Path, monkeypatch: pytest.Monke
     pose = Config(tmp_path, messages=("geometry_msgs/Pose",))
     texts = pipeline.generate(pose, pose.messages)
     ((module, place),) = build_hook().compiled_templates(tmp_path).items()
-    assert place == "shmgen/generator/printers.py"
+    assert place == "shmgen/generator/renderers.py"
     templates = tmp_path / "templates"
     shutil.copytree(render.template_folder(), templates, ignore=shutil.ignore_patterns("*.j2"))
     monkeypatch.setattr(render, "template_folder", lambda: templates)
@@ -126,9 +126,9 @@ def test_wheel_generates_without_jinja(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.delitem(sys.modules, "shmgen.generator.templates", raising=False)
     with pytest.raises((ImportError, KeyError)):
         pipeline.generate(pose, pose.messages)
-    printers = ModuleType(render.RENDERERS_MODULE)
-    exec(Path(module).read_text(), vars(printers))
-    monkeypatch.setitem(sys.modules, render.RENDERERS_MODULE, printers)
+    renderers = ModuleType(render.RENDERERS_MODULE)
+    exec(Path(module).read_text(), vars(renderers))
+    monkeypatch.setitem(sys.modules, render.RENDERERS_MODULE, renderers)
     assert pipeline.generate(pose, pose.messages) == texts
 
 

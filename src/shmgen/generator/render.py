@@ -14,7 +14,7 @@ from typing import Any, cast
 from shmgen.core import cache
 from shmgen.core.model import Output
 
-RENDERERS_MODULE = "shmgen.generator.printers"
+RENDERERS_MODULE = "shmgen.generator.renderers"
 
 
 def render(outputs: Iterable[Output]) -> dict[str, str]:
