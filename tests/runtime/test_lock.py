@@ -554,3 +554,6 @@ def test_subscriber_is_stale_if_the_heartbeat_stops(topic):
                 time.sleep(0.03)
                 assert subscriber.is_stale(0.02)
                 assert not subscriber.is_stale(60)
+            with PoseSubscriber(topic) as late:
+                time.sleep(0.03)
+                assert late.is_stale(0.02), "at the first check"
