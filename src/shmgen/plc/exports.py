@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from typing import NoReturn
+from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from shmgen.core.diagnostics import Span
@@ -14,9 +16,10 @@ from shmgen.plc.declarations import MOST, Declaration, Member, Unreadable, name,
 Part = tuple[str, list[Declaration], list[Member]]
 """A group of types and constants. The text is the name of the list that declares the constants, or `""`."""
 
-_COMMENT = "documentation"
 _LINES = ("p", "br", "li", "div")
 """Elements of XHTML that begin a new line."""
+_LINE_NUMBER = "line number"
+"""The attribute with the line number of an element. XML allows no blank in a name, so no file has this attribute."""
 _DEEPEST = 200
 """The limit of nested elements. Exports have some twenty levels."""
 
@@ -27,7 +30,7 @@ def read(data: bytes, path: str, reject: Callable[[Unreadable], None]) -> Iterat
     If a declaration has an error, call `reject` with the error and continue with the next declaration. Raises
     Unreadable if `data` is not XML.
     """
-    for node in _Tree(data, path).root.walk():
+    for node in _parse(data, path).iter():
         try:
             part = _part(node, path)
         except Unreadable as error:
@@ -42,203 +45,164 @@ def compiled(data: bytes, path: str, file: str) -> Iterator[tuple[str, Compiled]
 
     The names are in capital letters. Raises Unreadable if `data` is not XML.
     """
-    for node in _Tree(data, path).root.walk():
-        called = node.child("Name") if node.tag == "DataType" else None
-        if called and "Namespace" not in called.attributes and (size := _number(node, "BitSize")) is not None:
-            items = (it for it in node if it.tag == "SubItem")
-            places = ((it.child("Name"), _number(it, "BitOffs"), _number(it, "BitSize")) for it in items)
-            members = {name.text.upper(): (at, bits) for name, at, bits in places if name and at is not None and bits}
-            yield called.text.upper(), Compiled(file, size, members)
+    for node in _parse(data, path).iter("DataType"):
+        called, size = node.find("Name"), _number(node, "BitSize")
+        if called is not None and "Namespace" not in called.attrib and size is not None:
+            items = node.iterfind("SubItem")
+            places = ((it.findtext("Name"), _number(it, "BitOffs"), _number(it, "BitSize")) for it in items)
+            members = {name.upper(): (at, bits) for name, at, bits in places if name and at is not None and bits}
+            yield _text(called).upper(), Compiled(file, size, members)
 
 
-def _number(node: _Node, tag: str) -> int | None:
-    child = node.child(tag)
-    text = child.text.strip() if child else ""
+def _number(node: Element, tag: str) -> int | None:
+    text = node.findtext(tag, "").strip()
     return int(text) if _DIGITS.fullmatch(text) else None
 
 
 _DIGITS = re.compile(r"[0-9]{1,15}")
 
 
-def _part(node: _Node, path: str) -> Part | None:
+def _part(node: Element, path: str) -> Part | None:
     if node.tag in ("dataType", "union"):
         plain = _plain(node)
-        if plain and plain.text.strip():
-            return "", *declarations.read(plain.text, path, plain.line)
+        if plain is not None and (text := _text(plain)).strip():
+            return "", *declarations.read(text, path, _span(plain, path).line)
         if node.tag == "dataType":
             return "", [_structured(node, path)], []
-        span = Span(path, node.line)
+        span = _span(node, path)
         return "", [Declaration(name(_name(node), span), "union", (), "", "", 0, "", span)], []
-    if node.tag.endswith("Vars") and node.attributes.get("constant") == "true":  # of a list, a block or a program
+    if node.tag.endswith("Vars") and node.get("constant") == "true":  # of a list, a block or a program
         return _name(node), [], [member for member in _variables(node, path) if member.value]
-    if declaration := node.child("Declaration"):  # the format of TwinCAT
-        return _name(node), *declarations.read(declaration.text, path, declaration.line)
+    if (declaration := node.find("Declaration")) is not None:  # the format of TwinCAT
+        return _name(node), *declarations.read(_text(declaration), path, _span(declaration, path).line)
     return None
 
 
-class _Node:
-    """An element of XML: its tag without namespace, and its line number."""
+def _parse(data: bytes, path: str) -> Element:
+    """Parse XML into elements with tags without namespace and with line numbers, which only the parser expat provides.
 
-    __slots__ = ("attributes", "children", "line", "parts", "tag")
-
-    def __init__(self, tag: str, attributes: dict[str, str], line: int) -> None:
-        self.tag, self.attributes, self.line = tag.rpartition(":")[2], attributes, line
-        self.children: list[_Node] = []
-        self.parts: list[str] = []
-
-    def __iter__(self) -> Iterator[_Node]:
-        return iter(self.children)
-
-    @property
-    def text(self) -> str:
-        return "".join(self.parts)
-
-    def child(self, *path: str) -> _Node | None:
-        here: _Node | None = self
-        for tag in path:
-            here = next((it for it in here if it.tag == tag), None) if here else None
-        return here
-
-    def walk(self) -> Iterator[_Node]:
-        waiting = [self]
-        while waiting:
-            here = waiting.pop()
-            yield here
-            waiting += reversed(here.children)
-
-
-class _Tree:
-    """A tree of elements with line numbers, which only the parser expat provides.
-
-    The constructor raises Unreadable if the data is not XML or is too large.
+    Raises Unreadable if the data is not XML or is too large.
     """
+    parser, builder = expat.ParserCreate(), TreeBuilder()
+    count = depth = 0
 
-    def __init__(self, data: bytes, path: str) -> None:
-        self.root = _Node("", {}, 0)
-        self._open, self._count, self._path = [self.root], 0, path
-        self._parser = parser = expat.ParserCreate()
-        parser.buffer_text = True
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = lambda tag: self._open.pop()
-        parser.CharacterDataHandler = lambda text: self._holder().parts.append(text)
-        parser.EntityDeclHandler = lambda *_: self._refuse("it declares entities")
-        try:
-            parser.Parse(data, True)
-        except expat.ExpatError as error:
-            place = Span(path, error.lineno, error.offset + 1)
-            raise Unreadable(f"not XML: {expat.ErrorString(error.code)}", place) from None
-        except (LookupError, ValueError):  # an encoding that Python or expat does not support
-            raise Unreadable("not XML: unknown encoding", Span(path, 1)) from None
+    def refuse(why: str) -> NoReturn:
+        raise Unreadable(f"not an export of an IDE: {why}", Span(path, parser.CurrentLineNumber))
 
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        self._count += 1
-        if self._count > MOST or len(self._open) > _DEEPEST:
-            self._refuse(f"more than {MOST:,} elements, or more than {_DEEPEST} nested ones")
-        node = _Node(tag, attributes, self._parser.CurrentLineNumber)
-        self._open[-1].children.append(node)
-        if node.tag in _LINES and (holder := self._holder()).tag == _COMMENT:
-            holder.parts.append("\n")
-        self._open.append(node)
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        if count > MOST or depth > _DEEPEST:
+            refuse(f"more than {MOST:,} elements, or more than {_DEEPEST} nested ones")
+        bare = tag.rpartition(":")[2]
+        if bare in _LINES:
+            builder.data("\n")
+        builder.start(bare, attributes | {_LINE_NUMBER: str(parser.CurrentLineNumber)})
 
-    def _holder(self) -> _Node:
-        """Return the element that receives text: the comment around the current element, else the current element."""
-        return next((it for it in self._open if it.tag == _COMMENT), self._open[-1])
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
 
-    def _refuse(self, why: str) -> None:
-        raise Unreadable(f"not an export of an IDE: {why}", Span(self._path, self._parser.CurrentLineNumber))
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, builder.data
+    parser.EntityDeclHandler = lambda *_: refuse("it declares entities")
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        place = Span(path, error.lineno, error.offset + 1)
+        raise Unreadable(f"not XML: {expat.ErrorString(error.code)}", place) from None
+    except (LookupError, ValueError):  # an encoding that Python or expat does not support
+        raise Unreadable("not XML: unknown encoding", Span(path, 1)) from None
+    return builder.close()
 
 
-def _plain(node: _Node) -> _Node | None:
+def _span(node: Element, path: str) -> Span:
+    return Span(path, int(node.attrib[_LINE_NUMBER]))
+
+
+def _text(node: Element) -> str:
+    return "".join(node.itertext())
+
+
+def _plain(node: Element) -> Element | None:
     """Return the element with the plain text of a declaration, which CODESYS adds to PLCopen XML, or None.
 
     Only the plain text contains comments and pragmas.
     """
-    for data in node.child("addData") or ():
-        if data.attributes.get("name", "").endswith("/interfaceasplaintext"):
-            return data.child("InterfaceAsPlainText", "xhtml")
+    for data in node.iterfind("addData/*"):
+        if data.get("name", "").endswith("/interfaceasplaintext"):
+            return data.find("InterfaceAsPlainText/xhtml")
     return None
 
 
-def _name(node: _Node) -> str:
-    return node.attributes.get("name") or node.attributes.get("Name", "")
+def _name(node: Element) -> str:
+    return node.get("name", "") or node.get("Name", "")
 
 
-def _structured(node: _Node, path: str) -> Declaration:
+def _structured(node: Element, path: str) -> Declaration:
     """Return a data type from PLCopen's XML elements, if the export does not contain its declaration as text."""
-    span, comment = Span(path, node.line), _documentation(node)
+    span, comment = _span(node, path), _documentation(node)
     called = name(_name(node), span)
     extends, pack, mistyped = "", 0, ""
-    for data in node.child("addData") or ():
-        kind = data.attributes.get("name", "").rpartition("/")[2]
+    for data in node.iterfind("addData/*"):
+        kind = data.get("name", "").rpartition("/")[2]
         if kind == "datatypeinheritance":
-            extends = next((it.text.strip() for it in data.walk() if it.tag == "Extends"), "")
+            extends = next((_text(it).strip() for it in data.iter("Extends")), "")
         elif kind == "attributes":
-            named = (it.attributes for it in data.walk() if "Name" in it.attributes)
+            named = (it.attrib for it in data.iter() if "Name" in it.attrib)
             pack, mistyped = pack_mode((it["Name"], f"'{it.get('Value', '')}'") for it in named)
-    base = node.child("baseType")
-    inner = base.children[0] if base and base.children else _Node("", {}, node.line)
-    if inner.tag == "struct":
-        members = tuple(_variables(inner, path))
+    if (struct := node.find("baseType/struct")) is not None:
+        members = tuple(_variables(struct, path))
         return Declaration(called, "struct", members, "", extends, pack, comment, span, mistyped)
-    if inner.tag == "enum":
-        docs = {
-            (it.child("Name") or it).text: (it.child("Documentation") or it).text.strip()
-            for it in node.walk()
-            if it.tag == "EnumValue"
-        }
-        values = [
-            Member(
-                name(_name(it), Span(path, it.line)),
-                "",
-                it.attributes.get("value", ""),
-                docs.get(_name(it), ""),
-                Span(path, it.line),
-            )
-            for it in inner.child("values") or ()
-        ]
-        over = inner.child("baseType")
-        return Declaration(called, "enum", tuple(values), _type(over) if over else "", extends, pack, comment, span)
-    return Declaration(called, "alias", (), _type(base) if base else "", extends, pack, comment, span)
+    if (enum := node.find("baseType/enum")) is not None:
+        docs = {it.findtext("Name"): it.findtext("Documentation", "").strip() for it in node.iter("EnumValue")}
+        members = tuple(_enumerator(it, path, docs.get(_name(it), "")) for it in enum.iterfind("values/*"))
+        return Declaration(called, "enum", members, _type(enum.find("baseType")), extends, pack, comment, span)
+    return Declaration(called, "alias", (), _type(node.find("baseType")), extends, pack, comment, span)
 
 
-def _variables(node: _Node, path: str) -> Iterator[Member]:
-    for variable in (it for it in node if it.tag == "variable"):
-        kind, value = variable.child("type"), variable.child("initialValue", "simpleValue")
-        initial = value.attributes.get("value", "") if value else ""
-        if not initial and variable.child("initialValue"):
+def _enumerator(node: Element, path: str, comment: str) -> Member:
+    span = _span(node, path)
+    return Member(name(_name(node), span), "", node.get("value", ""), comment, span)
+
+
+def _variables(node: Element, path: str) -> Iterator[Member]:
+    for variable in node.iterfind("variable"):
+        value, simple = variable.find("initialValue"), variable.find("initialValue/simpleValue")
+        initial = simple.get("value", "") if simple is not None else ""
+        if not initial and value is not None:
             initial = "(…)"
-        span, spelled = Span(path, variable.line), _type(kind) if kind else ""
-        yield Member(name(_name(variable), span), spelled, initial, _documentation(variable), span)
+        span = _span(variable, path)
+        own_name, type_ = name(_name(variable), span), _type(variable.find("type"))
+        yield Member(own_name, type_, initial, _documentation(variable), span)
 
 
-def _documentation(node: _Node) -> str:
+def _documentation(node: Element) -> str:
     """Return the text of a comment without its XHTML markup."""
-    comment = node.child(_COMMENT)
-    lines = (line.strip() for line in comment.text.split("\n")) if comment else ()
+    comment = node.find("documentation")
+    lines = (line.strip() for line in _text(comment).split("\n")) if comment is not None else ()
     return "\n".join(filter(None, lines))
 
 
-def _type(node: _Node) -> str:
+def _type(node: Element | None) -> str:
     """Return a type as spelled in Structured Text, with single blanks."""
     return " ".join(_spelled(node).split())
 
 
-def _spelled(node: _Node) -> str:
-    if not node.children:
+def _spelled(node: Element | None) -> str:
+    inner = node.find("*") if node is not None else None
+    if inner is None:
         return ""
-    inner = node.children[0]
-    base = inner.child("baseType")
-    element = _spelled(base) if base else ""
+    element = _spelled(inner.find("baseType"))
     match inner.tag:
         case "derived":
             return _name(inner)
         case "array":
-            bounds = [
-                f"{it.attributes.get('lower')}..{it.attributes.get('upper')}" for it in inner if it.tag == "dimension"
-            ]
+            bounds = [f"{it.get('lower')}..{it.get('upper')}" for it in inner.iterfind("dimension")]
             return f"ARRAY[{', '.join(bounds)}] OF {element}"
         case "string" | "wstring":
-            length = inner.attributes.get("length")
+            length = inner.get("length")
             return f"{inner.tag.upper()}({length})" if length else inner.tag.upper()
         case "pointer" | "reference":
             return f"{inner.tag.upper()} TO {element}"
