@@ -12,7 +12,6 @@ from shmgen.plc.numbers import NotConvertible
 
 Extent = tuple[int, int]
 """Offset and size of a member in bytes."""
-PACKS = (1, 2, 4)
 NATURAL = 8
 """The largest alignment of any type, in bytes."""
 
@@ -20,46 +19,46 @@ NATURAL = 8
 class Converted(NamedTuple):
     """A data type that was converted to a message. `size` and `alignment` are in bytes.
 
-    `sure` is False if the size depends on an empty structure, whose size in a PLC is not verified.
+    `least_pack` is the smallest pack_mode of a structure in which a member of this type keeps its padding. `sure` is
+    False if the size depends on an empty structure, whose size in a PLC is not verified.
     """
 
     name: str
     text: str
     size: int
     alignment: int
-    packed: dict[int, tuple[int, int]]
-    """pack_mode -> size and alignment of this type inside a structure with that pack_mode."""
+    least_pack: int = 1
     sure: bool = True
     places: tuple[Extent, ...] = ()
     """The offset and size of each member. The members of base structures come first."""
 
 
-def packed(size: int, alignment: int) -> dict[int, tuple[int, int]]:
-    """Map each pack_mode to the size and alignment of a type with fixed bytes inside a structure packed that way."""
-    return {pack: (size, min(alignment, pack)) for pack in PACKS}
+EMPTY = Converted("", "", 0, 1)
+"""The base of a structure without a base: the first member is at offset 0."""
 
 
 class _Sum:
     """Computes the offsets, the size and the alignment of a structure, from the sizes of its members.
 
-    No member is aligned to more than `pack` bytes. The first member follows a base structure, which has `at` bytes,
-    the alignment `alignment` and the members `places`.
+    No member is aligned to more than `pack` bytes. The first member follows the structure `base`.
     """
 
-    def __init__(self, pack: int, at: int = 0, alignment: int = 1, places: tuple[Extent, ...] = ()) -> None:
-        self.pack, self.at, self.most = pack, at, min(alignment, pack)
-        self.places: list[Extent] = list(places)
+    def __init__(self, pack: int, base: Converted = EMPTY) -> None:
+        self.pack, self.at, self.most = pack, base.size, min(base.alignment, pack)
+        self.places: list[Extent] = list(base.places)
+        self._least_pack = base.least_pack
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Sum) and (self.places, self.end()) == (other.places, other.end())
 
-    def add(self, size: int, alignment: int, begins: int = 1) -> bool:
-        """Append a member of `size` bytes. Its offset is a multiple of its alignment and of `begins` bytes.
+    def add(self, type_: Converted, many: int, begins: int = 1) -> bool:
+        """Append a member. Its offset is a multiple of its alignment and of `begins` bytes.
 
-        Return True if `begins` changed the offset of the member.
+        `many` is the length of an array, or 0 for a single value. Return True if `begins` changed the offset.
         """
-        alignment = min(alignment, self.pack)
+        size, alignment = type_.size * (many or 1), min(type_.alignment, self.pack)
         usual, at = _round_up(self.at, alignment), _round_up(self.at, max(alignment, begins))
+        self._least_pack = max(self._least_pack, type_.least_pack, _pack_with_padding(self.at, alignment))
         self.places.append((at, size))
         self.at = at + size
         self.most = max(self.most, alignment)
@@ -69,19 +68,21 @@ class _Sum:
         """Return the size and alignment of the structure in bytes."""
         return _round_up(max(self.at, 1), self.most), self.most
 
+    @property
+    def least_pack(self) -> int:
+        """The smallest pack_mode that keeps all padding. A structure with a pack_mode of its own keeps its padding."""
+        return 1 if self.pack != NATURAL else max(self._least_pack, _pack_with_padding(max(self.at, 1), self.most))
+
 
 class Sums:
     """Computes the layout of a structure under different rules, so that the import can reject a structure that differs.
 
     `compiled` is the layout by the PLC's compiler, `message` the layout by the message definition, and `natural` the
-    layout without pack_mode. `within` maps each pack_mode to the compiler's layout of this structure inside another
-    structure with that pack_mode.
+    layout without pack_mode.
     """
 
     def __init__(self, pack: int, base: Converted) -> None:
-        self.compiled = _Sum(pack, base.size, base.alignment, base.places)
-        self.message, self.natural = _Sum(pack), _Sum(NATURAL)
-        self.within = {pack: _Sum(pack, *base.packed[pack]) for pack in PACKS}
+        self.compiled, self.message, self.natural = _Sum(pack, base), _Sum(pack), _Sum(NATURAL)
 
     def add(self, type_: Converted, many: int, begins: int, *, is_own: bool) -> bool:
         """Append a member to all layouts. `many` is the length of an array, or 0 for a single value.
@@ -90,27 +91,18 @@ class Sums:
         The member begins at a multiple of `begins` bytes. Return True if `begins` changed the offset of the member in
         `message`. Raises NotConvertible if the structure becomes too large.
         """
-        size = type_.size * (many or 1)
-        moved = self.message.add(size, type_.alignment, begins)
-        self.natural.add(size, type_.alignment, begins)
+        moved = self.message.add(type_, many, begins)
+        self.natural.add(type_, many, begins)
         if is_own:
-            self.compiled.add(size, type_.alignment)
-            for pack, total in self.within.items():
-                inner, alignment = type_.packed[pack]
-                total.add(inner * (many or 1), alignment)
+            self.compiled.add(type_, many)
         if self.message.at > types.LARGEST:
             raise NotConvertible(f"more than {types.LARGEST:,} bytes", "declare a smaller type", "SHM303")
         return moved
 
-    def packed(self) -> dict[int, tuple[int, int]]:
-        """Map each pack_mode to the size and alignment of this type inside a structure with that pack_mode."""
-        if self.compiled.pack != NATURAL:
-            return packed(*self.compiled.end())
-        return {pack: total.end() for pack, total in self.within.items()}
 
-
-EMPTY = Converted("", "", 0, 1, packed(0, 1))
-"""The base of a structure without a base: the first member is at offset 0."""
+def _pack_with_padding(at: int, alignment: int) -> int:
+    """Return the smallest pack_mode with the same padding between byte `at` and the next multiple of `alignment`."""
+    return next(pack for pack in (1, 2, 4, NATURAL) if -at % pack == -at % alignment)
 
 
 def _round_up(number: int, alignment: int) -> int:

@@ -14,7 +14,7 @@ from shmgen.core.diagnostics import Diagnostic, Report, Span
 from shmgen.core.plural import counted
 from shmgen.plc import text as around
 from shmgen.plc import types
-from shmgen.plc.compiled import EMPTY, NATURAL, Converted, Sums, differences, packed
+from shmgen.plc.compiled import EMPTY, NATURAL, Converted, Sums, differences
 from shmgen.plc.declarations import MOST, Declaration, Member
 from shmgen.plc.numbers import NotConvertible, Numbers
 from shmgen.plc.sources import Project
@@ -201,8 +201,8 @@ class _Work:
             raise NotConvertible(f"{declared.name} and its base have different pack_modes", hint)
         note = f", pack_mode {pack}" if sums.message != sums.natural else ""
         text = "\n".join([*head(declared, f"PLC: {declared.name}{note}"), *lines]) + "\n"
-        places = tuple(sums.compiled.places)
-        return Converted(self.names[declared.name.upper()], text, *sums.compiled.end(), sums.packed(), sure, places)
+        compiled, name = sums.compiled, self.names[declared.name.upper()]
+        return Converted(name, text, *compiled.end(), compiled.least_pack, sure, tuple(compiled.places))
 
     def _base(self, declared: Declaration) -> Converted:
         """Return the layout of a structure that another structure extends.
@@ -219,14 +219,14 @@ class _Work:
         result = self.done[field.element.upper()] if field.element else None
         if isinstance(result, Converted):
             return result
-        return Converted("", "", field.size, field.alignment, packed(field.size, field.alignment))
+        return Converted("", "", field.size, field.alignment)
 
     def _check_pack(self, declared: Declaration, field: types.Field, layout: Converted) -> None:
         """Raise NotConvertible if the structure's pack_mode might remove padding inside the type of one of its members.
 
         The member has the type `field`, with the layout `layout`.
         """
-        if declared.pack and layout.packed[declared.pack][0] != layout.size:
+        if layout.least_pack > declared.pack > 0:
             reason = f"{declared.name} has pack_mode {declared.pack}, but the type {field.element} of a member has none"
             hint = f"give {field.element} the attribute too: no test shows whether the compiler packs it without one"
             raise NotConvertible(reason, hint)
@@ -283,7 +283,7 @@ class _Work:
             own = "" if name == member.name else f"(PLC: {member.name})"
             lines += commented(f"{type_} {name}={value}", member.comment, own)
         text = [*head(declared, f"PLC: {declared.name} : {base}"), *lines, f"{type_} value"]
-        return Converted(self.names[declared.name.upper()], "\n".join(text) + "\n", size, size, packed(size, size))
+        return Converted(self.names[declared.name.upper()], "\n".join(text) + "\n", size, size)
 
     def _alias(self, declared: Declaration) -> Converted | NotConvertible:
         """Convert an alias to a structure with one member of the same bytes."""
