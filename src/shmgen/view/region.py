@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, ClassVar, NamedTuple
 
 from rich.text import Text
@@ -54,13 +55,12 @@ class Fields(Tree[Item]):
         super().__init__(plain(topic))
         self._getters: dict[str, Getter] = {}
         self._most: dict[str, int] = {}
-        self._arrays: dict[str, TreeNode[Item]] = {}
 
     def show_kind(self, kind: type[Message]) -> None:
         """Replace the tree with the fields of this type."""
         self.clear()
-        for table in (self._getters, self._most, self._arrays):
-            table.clear()
+        self._getters.clear()
+        self._most.clear()
         self._kind = kind
         self.root.expand()
         self._grow(self.root, kind(), "")
@@ -74,9 +74,7 @@ class Fields(Tree[Item]):
 
         If `is_drawn` returns True for the path of a field, the field has a curve: mark the line of the field.
         """
-        for path, node in list(self._arrays.items()):
-            if path in self._arrays and node.is_expanded:  # removed if an enclosing array became shorter
-                self._fill(node, path, message)
+        self._fill_below(self.root, message)
         first = int(self.scroll_offset.y)
         for line in range(first, first + self.size.height):
             node = self.get_node_at_line(line)
@@ -114,39 +112,35 @@ class Fields(Tree[Item]):
             # A new message has the same fields, and no count that can be damaged.
             self._grow(node.add(plain(name), data=Item(path), expand=expand), type(value)(), path)
         elif is_array(value):
-            self._arrays[path] = node.add(plain(name), data=Item(path))
+            node.add(plain(name), data=Item(path))
         else:
             node.add_leaf(plain(name), data=Item(path))
 
-    def _fill(self, node: TreeNode[Item], path: str, message: Message) -> None:
-        try:
-            value = self._value(path, message)
-        except CountExceeded:
-            return
-        count = len(value) if value is not None else 0
-        new_count = min(count, self._most.setdefault(path, _PAGE))
+    def _fill_below(self, node: TreeNode[Item], message: Message) -> None:
+        """Update the lines of the expanded arrays below `node`: one line for each element."""
+        for child in node.children:
+            if child.data and child.is_expanded:
+                with suppress(CountExceeded):
+                    value = self._value(child.data.path, message)
+                    if is_array(value):
+                        self._fill(child, child.data.path, value)
+                    self._fill_below(child, message)
+
+    def _fill(self, node: TreeNode[Item], path: str, value: Any) -> None:
+        new_count = min(len(value), self._most.setdefault(path, _PAGE))
         lines = [child for child in node.children if child.data and not child.data.is_more]
-        left = count - new_count
+        left = len(value) - new_count
         more = f"… {left:,} more: Enter shows {min(left, _PAGE)} of them"
         if len(lines) == new_count and (
             str(node.children[-1].label) == more if left else len(node.children) == new_count
         ):
             return
         for child in [*lines[new_count:], *node.children[len(lines) :]]:
-            self._forget(child)
+            child.remove()
         for index in range(len(lines), new_count):
             self._add(node, f"[{index}]", f"{path}[{index}]", value[index])
         if left:
             node.add_leaf(Text(more), data=Item(path, is_more=True))
-
-    def _forget(self, node: TreeNode[Item]) -> None:
-        path = node.data.path if node.data else ""
-        if node.data and not node.data.is_more:
-            for inner in [
-                inner for inner in self._arrays if inner == path or inner.startswith((f"{path}.", f"{path}["))
-            ]:
-                del self._arrays[inner]
-        node.remove()
 
 
 class Draft(TextArea):
