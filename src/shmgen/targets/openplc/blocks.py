@@ -124,6 +124,7 @@ def _leave(compiler: Compiler) -> Iterator[str]:
 
 
 def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[str]:
+    name = struct_name(layout.name)
     yield from _enter(layout, compiler, "true")
     yield "bool sent = false;"
     yield "if (end != NULL) {"
@@ -131,9 +132,11 @@ def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[s
     yield f"    const bool send = is_open && {compiler.get('XSEND')} != 0;"
     yield "    shmgen_status fits = SHMGEN_OK;"
     yield "    if (send) {"
-    yield from (f"        {line}" for line in fill(layout, layouts, compiler, "end->message", ("MSG", "", layout.name)))
+    yield f"        {name} *message = ({name} *)end->message;"
+    for line in copies(layout, layouts, compiler, compiler.structure("MSG"), "message->", to_plc=False):
+        yield f"        {line}"
     yield "        shmgen_path_clear(&end->publisher.path);"
-    yield f"        fits = shmgen_check_{struct_name(layout.name)}(message, &end->publisher.path);"
+    yield f"        fits = shmgen_check_{name}(message, &end->publisher.path);"
     yield "    }"
     yield "    sent = is_open && shmgen_block_write(end, send, fits);"
     yield f"    {compiler.put('UDISEQUENCE', 'end->sequence')}"
@@ -141,21 +144,6 @@ def _publish(layout: Layout, layouts: Layouts, compiler: Compiler) -> Iterator[s
     yield "}"
     yield compiler.put("XSENT", "sent")
     yield from _leave(compiler)
-
-
-def fill(
-    layout: Layout, layouts: Layouts, compiler: Compiler, at: str, part: tuple[str, str, TypeName]
-) -> Iterator[str]:
-    """Yield C that copies an input variable of a block into the message at the C expression `at`.
-
-    `part` contains the variable's name, the path before the fields to set, and the variable's type. The path is `goal.`
-    for a field `goal` of the message, and `""` for the whole message.
-    """
-    name = struct_name(layout.name)
-    yield f"{name} *message = ({name} *){at};"
-    variable, path, type_name = part
-    place = compiler.structure(variable)
-    yield from copies(layouts[type_name], layouts, compiler, place, f"message->{path}", to_plc=False)
 
 
 def copies(

@@ -9,7 +9,7 @@ from shmgen.core.model import Layout, Layouts, TypeName
 from shmgen.targets import interfaces
 from shmgen.targets.c.names import struct_name
 from shmgen.targets.counts import holds_counts
-from shmgen.targets.openplc.blocks import Block, Blocks, copies, enter, fill
+from shmgen.targets.openplc.blocks import Block, Blocks, copies, enter
 from shmgen.targets.openplc.compiler import Compiler
 from shmgen.targets.st import names as st
 
@@ -28,16 +28,27 @@ class Call(NamedTuple):
     answer: Layout
     progress: Layout | None = None
 
-    def part(self, ending: str) -> Layout:
-        return self.layouts[self.name.part(ending)]
-
     @property
     def needs(self) -> tuple[TypeName, ...]:
         return tuple(layout.name for layout in (self.question, self.answer, self.progress) if layout)
 
-    def copied(self, layout: Layout, variable: str, at: str) -> Iterator[str]:
-        """Yield the C statements that copy the message at the C expression `at` to a variable of the block."""
-        return copies(layout, self.layouts, self.compiler, self.compiler.structure(variable), at, to_plc=True)
+    @property
+    def parts(self) -> tuple[str, str]:
+        """The parts of the question and of the answer that the program exchanges with the block."""
+        return ("Goal", "Result") if self.progress else ("Request", "Response")
+
+    def copies(self, layout: Layout, at: str, part: str, *, to_plc: bool) -> Iterator[str]:
+        """Yield the C statements that copy a part of a message to a variable of the block, or from it.
+
+        `at` is the C expression for the message, whose layout is `layout`. `part` is a name such as `Goal`: the block
+        has the variable `GOAL`, and the message has the field `goal`. The part `Request` is a message of its own.
+        """
+        struct = f"{'const ' if to_plc else ''}{struct_name(layout.name)}"
+        yield f"        {struct} *message = ({struct} *){at};"
+        inner, field = self.layouts[self.name.part(f"_{part}")], "" if part == "Request" else f"{part.lower()}."
+        variable = self.compiler.structure(part.upper())
+        for line in copies(inner, self.layouts, self.compiler, variable, f"message->{field}", to_plc=to_plc):
+            yield f"        {line}"
 
 
 def blocks(layouts: Layouts, compiler: Compiler, known: Blocks) -> Iterator[Block]:
@@ -68,21 +79,16 @@ def _opened(call: Call, calls: str) -> Iterator[str]:
     yield f"end = shmgen_call_open(&number, {call.compiler.owner}, &carries, {calls}, {{text}}, {{length}});"
 
 
-def _message_pointer(layout: Layout, at: str) -> str:
-    name = struct_name(layout.name)
-    return f"const {name} *message = (const {name} *){at};"
-
-
 def _calls(call: Call) -> Iterator[str]:
     get, put, compiler = call.compiler.get, call.compiler.put, call.compiler
+    question, answer = call.parts
     yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _opened(call, "true"))
     if call.progress:
         yield "bool fresh = false;"
     yield "if (end != NULL) {"
     yield f"    shmgen_block_client_cycle(end, {get('XEXECUTE')} != 0, {get('XCANCEL')} != 0);"
     yield "    if (shmgen_block_client_sends(end)) {"
-    sent = ("GOAL", "goal.", call.part("_Goal").name) if call.progress else ("REQUEST", "", call.question.name)
-    yield from (f"        {line}" for line in fill(call.question, call.layouts, compiler, "end->message", sent))
+    yield from call.copies(call.question, "end->message", question, to_plc=False)
     if call.progress:
         yield "        message->cancel = 0;"
     yield "        shmgen_block_client_send(end);"
@@ -90,15 +96,10 @@ def _calls(call: Call) -> Iterator[str]:
     if call.progress:
         yield "    fresh = shmgen_block_client_hears(end);"
         yield "    if (fresh) {"
-        yield f"        {_message_pointer(call.progress, 'end->call->progress')}"
-        feedback = call.copied(call.part("_Feedback"), "FEEDBACK", "message->feedback.")
-        yield from (f"        {line}" for line in feedback)
+        yield from call.copies(call.progress, "end->call->progress", "Feedback", to_plc=True)
         yield "    }"
     yield f"    if (shmgen_block_client_ends(end, {compiler.ns('TTIMEOUT')})) {{"
-    yield f"        {_message_pointer(call.answer, 'end->call->response')}"
-    what = ("_Result", "RESULT", "result") if call.progress else ("_Response", "RESPONSE", "response")
-    copied_lines = call.copied(call.part(what[0]), what[1], f"message->{what[2]}.")
-    yield from (f"        {line}" for line in copied_lines)
+    yield from call.copies(call.answer, "end->call->response", answer, to_plc=True)
     yield "    }"
     if call.progress:
         yield f"    {put('SISTATUS', 'end->call->how')}"
@@ -114,32 +115,27 @@ def _calls(call: Call) -> Iterator[str]:
 
 def _serves(call: Call) -> Iterator[str]:
     get, put, compiler = call.compiler.get, call.compiler.put, call.compiler
+    question, answer = call.parts
     says = {"XDONE": "SUCCEEDED", "XABORTED": "CANCELED", "XFAILED": "ABORTED", "XREJECT": "REJECTED"}
     if not call.progress:
         says = {"XDONE": "DONE", "XFAILED": "FAILED"}
     numbers = {variable: _constant(call.answer, name) for variable, name in says.items()}
     job = "".join(f"{get(variable)} != 0 ? {number} : " for variable, number in reversed(numbers.items()))
     good, bad = numbers["XDONE"], numbers["XFAILED"]
-    what = ("RESULT", "result.", "_Result") if call.progress else ("RESPONSE", "response.", "_Response")
     yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _opened(call, "false"))
     yield "if (end != NULL) {"
     yield f"    shmgen_block_server_cycle(end, {job}0);"
     yield "    if (shmgen_block_server_responds(end)) {"
-    answer = what[0], what[1], call.part(what[2]).name
-    yield from (f"        {line}" for line in fill(call.answer, call.layouts, compiler, "end->call->response", answer))
+    yield from call.copies(call.answer, "end->call->response", answer, to_plc=False)
     yield f"        shmgen_block_server_respond(end, {good}, {bad});"
     yield "    }"
     if call.progress:
         yield f"    if ({get('XSEND')} != 0 && shmgen_block_server_reports(end)) {{"
-        feedback = "FEEDBACK", "feedback.", call.part("_Feedback").name
-        filled = fill(call.progress, call.layouts, compiler, "end->call->progress", feedback)
-        yield from (f"        {line}" for line in filled)
+        yield from call.copies(call.progress, "end->call->progress", "Feedback", to_plc=False)
         yield "        shmgen_block_server_report(end);"
         yield "    }"
     yield f"    if (shmgen_block_server_takes(end, {numbers['XREJECT' if call.progress else 'XFAILED']})) {{"
-    yield f"        {_message_pointer(call.question, 'end->message')}"
-    request_part = ("_Goal", "GOAL", "message->goal.") if call.progress else ("_Request", "REQUEST", "message->")
-    yield from (f"        {line}" for line in call.copied(call.part(request_part[0]), *request_part[1:]))
+    yield from call.copies(call.question, "end->message", question, to_plc=True)
     yield "    }"
     if holds_counts(call.question, call.layouts):
         yield f"    {put('UDIREFUSED', 'end->refused')}"
