@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from shmgen.core.diagnostics import Report
 from shmgen.drift import lockfile
 
 from ..conftest import REPOSITORY
@@ -96,7 +95,7 @@ def usable_prefix(wheels: Path, prefix: Path) -> Path:
 
 
 def read_lock(share: Path) -> lockfile.Lock:
-    return lockfile.read((share / "shmgen" / "layout.lock").read_text(), "", Report())
+    return lockfile.read((share / "shmgen" / "layout.lock").read_text(), "")
 
 
 @pytest.mark.exhaustive

@@ -11,7 +11,7 @@ from pathlib import Path
 from shmgen.bag.kinds import Kind
 from shmgen.bag.mcap import Channel
 from shmgen.bag.read import Message, Unreadable, messages
-from shmgen.core.diagnostics import Rejected, Report
+from shmgen.core.diagnostics import Rejected
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.live.classes import ClassRegistry, publisher
@@ -202,15 +202,12 @@ def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
 
 def _differences(channel: Channel, registry: ClassRegistry) -> Iterator[str]:
     """Yield one line for each field that differs between the bag and this configuration."""
-    report = Report()
-    before = lockfile.read(channel.metadata.get("shmgen_layout", ""), "the bag", report)
-    if report.diagnostics:
-        return
     try:
+        before = lockfile.read(channel.metadata.get("shmgen_layout", ""), "the bag")
         kind = Kind(registry.session_of(channel.type), channel.type)
     except Rejected:
         return
-    for finding in compare(before, lockfile.read(kind.lock, "here", report), "here"):
+    for finding in compare(before, lockfile.read(kind.lock, "here"), "here"):
         if finding.changes:
             yield f"  {finding.diagnostic.message}"
             yield from (f"    {change.field}: {change.text}" for change in finding.changes)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from shmgen.config import Config
 from shmgen.config.entries import Bound
-from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.definitions import Library
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
@@ -48,10 +48,10 @@ def configured(config: Config, folders: Iterable[Path], opened: Library) -> Conf
 
 def check(text: str, locks: Sequence[Path]) -> None:
     """Raise Rejected (SHM401) if a message has another layout in layout.lock `text` than in one of `locks`."""
-    ours = lockfile.read(text, lockfile.LOCK, Report()) if locks else lockfile.Lock()
+    ours = lockfile.read(text, lockfile.LOCK) if locks else lockfile.Lock()
     mismatches: list[Diagnostic] = []
     for file in locks:
-        theirs = lockfile.read(file.read_text(encoding="utf-8"), str(file), Report())
+        theirs = lockfile.read(file.read_text(encoding="utf-8"), str(file))
         both = theirs.messages.keys() & ours.messages.keys()
         before, after = (lockfile.Lock(messages={name: one.messages[name] for name in both}) for one in (theirs, ours))
         mismatches += [it.diagnostic for it in compare(before, after, str(file)) if it.severity is Severity.BREAKING]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from shmgen.cli import check_cache
 from shmgen.config import Config, document
-from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.definitions import Library
 from shmgen.drift import lockfile
 from shmgen.generator import pipeline
@@ -30,11 +30,9 @@ def read_lock(output: Path, lock_bytes: bytes | None) -> tuple[lockfile.Lock, di
     """
     if lock_bytes is None:
         return lockfile.Lock(), {}
-    file, report = output / lockfile.LOCK, Report()
-    text = lock_bytes.decode(errors="replace")
-    lock = lockfile.read_requested(text, str(file), report)
-    report.stop_if_any()
-    return lock, document.quoted(text, str(file), lock.requested)
+    text, place = lock_bytes.decode(errors="replace"), str(output / lockfile.LOCK)
+    lock = lockfile.read_requested(text, place)
+    return lock, document.quoted(text, place, lock.requested)
 
 
 def texts(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from shmgen.core import write
-from shmgen.core.diagnostics import Diagnostic, Report, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.drift import lockfile
 from shmgen.drift.compare import compare
 from shmgen.drift.findings import Finding, Severity, worst
@@ -34,11 +34,11 @@ def check(texts: Mapping[str, str], folder: Path, target_folders: Sequence[str] 
     listed = write.names_in(folder, [*texts, *(f"{target_folder}/" for target_folder in target_folders)])
     if is_up_to_date and not write.temporary_files(folder, listed) and not write.unlisted(folder, texts, listed):
         return []  # layout.lock is equal too, and parsing it is slow
-    report = Report()
-    old = lockfile.read(existing.decode(errors="replace"), place, report)
-    if report.diagnostics:
-        return [Finding(Severity.BREAKING, diagnostic) for diagnostic in report.diagnostics]
-    new = lockfile.read(texts[lockfile.LOCK], place, report)
+    try:
+        old = lockfile.read(existing.decode(errors="replace"), place)
+    except Rejected as damaged:
+        return [Finding(Severity.BREAKING, diagnostic) for diagnostic in damaged.diagnostics]
+    new = lockfile.read(texts[lockfile.LOCK], place)
     findings = [_with_advice(diagnostic) for diagnostic in compare(old, new, place)] if old != new else []
     findings += _of_files(texts, folder, old, worst(findings))
     strays = write.unlisted(folder, {*texts, *old.files}, listed)

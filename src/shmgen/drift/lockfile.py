@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from shmgen.core import toml
-from shmgen.core.diagnostics import Report, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.core.model import Layout, Layouts, Ref, Role, Slot, ros_type
 from shmgen.core.type_hash import hashes
 
@@ -93,28 +93,27 @@ def write(layouts: Layouts, texts: Mapping[str, str], settings: Mapping[str, obj
     return "\n".join(lines) + "\n"
 
 
-def read(text: str, place: str, report: Report) -> Lock:
-    """Parse the text of layout.lock. Report SHM408 and return an empty lock if the text is damaged."""
+def read(text: str, place: str) -> Lock:
+    """Parse the text of layout.lock. Raises Rejected (SHM408) if the text is damaged."""
     try:
         return parse(text)
     except (KeyError, TypeError, ValueError, AttributeError):
         what = "layout.lock is damaged, so shmgen cannot determine which files are generated"
         hint = "restore it from version control, or delete it and the generated files, and run `shmgen generate`"
-        report.error("SHM408", what, Span(place), hint=hint)
-        return Lock()
+        raise Rejected([Diagnostic("SHM408", what, Span(place), hint=hint)]) from None
 
 
-def read_requested(text: str, place: str, report: Report) -> Lock:
+def read_requested(text: str, place: str) -> Lock:
     """Parse layout.lock without its messages, because parsing the messages takes long.
 
-    The result contains the requested names, the settings and the files.
+    The result contains the requested names, the settings and the files. Raises the error of read().
     """
     head, has_messages, rest = text.partition("\n[messages.")
     listed = rest.partition("\n[files]\n")[2]
     files = dict(_FILE.findall(listed))
     if not has_messages or len(files) < listed.count("\n"):
-        return read(text, place, report)
-    return read(f"{head}\n[files]\n", place, report)._replace(files=files)
+        return read(text, place)
+    return read(f"{head}\n[files]\n", place)._replace(files=files)
 
 
 def parse(text: str) -> Lock:

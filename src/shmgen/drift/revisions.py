@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 from shmgen.core import files
-from shmgen.core.diagnostics import Diagnostic, Rejected, Report, Span
+from shmgen.core.diagnostics import Diagnostic, Rejected, Span
 from shmgen.drift import lockfile
 
 
@@ -27,10 +27,7 @@ def lock(name: str, output: Path) -> tuple[lockfile.Lock, str]:
     else:
         place = f"{name}:{output / lockfile.LOCK}"
         text = _of_revision(name, output / lockfile.LOCK)
-    report = Report()
-    result = lockfile.read(text, place, report)
-    report.stop_if_any()
-    return result, place
+    return lockfile.read(text, place), place
 
 
 def _of_revision(revision: str, file: Path) -> str:
