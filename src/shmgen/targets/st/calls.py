@@ -26,7 +26,9 @@ class Carried(NamedTuple):
 class Calls(NamedTuple):
     """The template data for the client or server block of a service or an action.
 
-    `end` is the variable with the block's FB_ShmClient or FB_ShmServer.
+    `end` is the variable with the block's FB_ShmClient or FB_ShmServer, and `input` the block's input with the name of
+    the service or action. `copy` is the statement that copies a received message to the block's output. `refusal` is
+    the status with which a server refuses a request, or `""` if the block refuses no request.
     `response`, `goal`, `feedback` and `result` are structure names, `""` if the service or action has no such message.
     If `fits` is true, the block checks counts in the requests or replies that it receives. If `fits_progress` is true,
     the client of an action also checks counts in the progress messages.
@@ -35,6 +37,9 @@ class Calls(NamedTuple):
     name: str
     title: str
     end: str
+    input: str
+    copy: str
+    refusal: str
     request: Carried
     reply: Carried
     fits: bool
@@ -66,13 +71,16 @@ def _service(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     request = _carried(name.part("_Request"), layouts, "Request", "-request")
     reply = _carried(name.part("_Reply"), layouts, "_Reply", "-response")
     response = names.st_type(name.part("_Response"), layouts[name.part("_Response")].options)
-    for block, template, end, read in (
-        (names.block_name(name, "Client"), "client", "_fbClient", "_Reply"),
-        (names.block_name(name, "Server"), "server", "_fbServer", "_Request"),
+    for role, read, copy, refusal in (
+        ("Client", "_Reply", "Response := _Reply.response;", ""),
+        ("Server", "_Request", "Request := _Request;", "FAILED"),
     ):
-        own = checks(layouts[name.part(read)], layouts, "Fits", read)
-        view = Calls(block, name.short, end, request, reply, bool(own), own, response)
-        yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
+        block, own = names.block_name(name, role), checks(layouts[name.part(read)], layouts, "Fits", read)
+        refusal = refusal if own else ""
+        view = Calls(
+            block, name.short, f"_fb{role}", "sService", copy, refusal, request, reply, bool(own), own, response
+        )
+        yield Output(f"st/{name.package}/{block}.st", f"st/{role.lower()}.st.j2", view)
 
 
 def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
@@ -83,15 +91,16 @@ def _action(name: TypeName, layouts: Layouts) -> Iterator[Output]:
     goal, feedback, result = (
         names.st_type(name.part(part), layouts[name.part(part)].options) for part in ("_Goal", "_Feedback", "_Result")
     )
-    for block, template, end, read, received in (
-        (names.block_name(name, "ActionClient"), "action_client", "_fbClient", "_Outcome", ("_Progress",)),
-        (names.block_name(name, "ActionServer"), "action_server", "_fbServer", "_Command", ()),
+    for role, read, received, copy, refusal in (
+        ("Client", "_Outcome", ("_Progress",), "Result := _Outcome.result;", ""),
+        ("Server", "_Command", (), "Goal := _Command.goal;", "REJECTED"),
     ):
-        own = checks(layouts[name.part(read)], layouts, "Fits", read)
+        block, own = names.block_name(name, f"Action{role}"), checks(layouts[name.part(read)], layouts, "Fits", read)
         also = tuple(it for part in received for it in checks(layouts[name.part(part)], layouts, "FeedbackFits", part))
+        ends = (f"_fb{role}", "sAction", copy, refusal if own else "", command, outcome)
         parts = ("", progress, goal, feedback, result)
-        view = Calls(block, name.short, end, command, outcome, bool(own), (*own, *also), *parts, bool(also))
-        yield Output(f"st/{name.package}/{block}.st", f"st/{template}.st.j2", view)
+        view = Calls(block, name.short, *ends, bool(own), (*own, *also), *parts, bool(also))
+        yield Output(f"st/{name.package}/{block}.st", f"st/action_{role.lower()}.st.j2", view)
 
 
 def _carried(name: TypeName, layouts: Layouts, variable: str, suffix: str) -> Carried:
