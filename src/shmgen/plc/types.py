@@ -28,6 +28,8 @@ class Field(NamedTuple):
     """The alignment of one element in bytes, or 0 if `element` is set."""
     says: str
     """The note for the field's comment, such as the unit of the number, or `""`."""
+    iec: str = ""
+    """The type in the PLC, with the value of each bound: `ARRAY[0..2] OF STRING(80)`. SCALARS omits this type."""
 
 
 _USUAL = {scalar.iec: (scalar.value, scalar.size) for scalar in Scalar if scalar is not Scalar.BOOL}
@@ -109,12 +111,13 @@ def field(spelled: str, number: Numbers, named: Named, depth: int = 0) -> Field:
                 "write a length such as 80",
             )
         unit = 2 if wide else 1
-        return Field(f"{string[1].lower()}<={length}", "", "", 0, unit * (length + 1), unit, "")
+        iec = f"{string[1].upper()}({length})"
+        return Field(f"{string[1].lower()}<={length}", "", "", 0, unit * (length + 1), unit, "", iec)
     word = _base(spelled)
-    if word.upper() in SCALARS:
-        return SCALARS[word.upper()]
+    if scalar := SCALARS.get(word.upper()):
+        return scalar._replace(iec=scalar.own or word)
     type_, own = named(word.partition("(")[0].strip())  # initial values of a function block may follow in brackets
-    return Field(type_, own, own, 0, 0, 0, "")
+    return Field(type_, own, own, 0, 0, 0, "", own)
 
 
 def intended(word: str, declared: Iterable[str]) -> str:
@@ -155,24 +158,10 @@ def _array(spelled: str, bounds: str, element: str, number: Numbers, named: Name
                 f"{_excerpt(spelled)} has more than {LARGEST:,} elements", "declare a smaller array", "SHM303"
             )
     usual = len(dimensions) == 1 and dimensions[0].startswith("0..") and not inner.own and not inner.many
-    own = "" if usual else f"ARRAY[{', '.join(dimensions)}] OF {inner.own or _iec(inner, element)}"
+    iec = f"ARRAY[{', '.join(dimensions)}] OF {inner.iec}"
     base = inner.type.partition("[")[0]
-    return Field(f"{base}[{many}]", own, inner.element, many, inner.size, inner.alignment, inner.says)
-
-
-def _iec(inner: Field, element: str) -> str:
-    """Return the Structured Text type of an array's elements, with the value of each bound: `STRING(80)`.
-
-    `element` is the type as the user wrote it, and `inner` is the result of field() for `element`. If `inner.own` is
-    not `""`, the caller uses `inner.own` and does not call this function.
-    """
-    if string := _STRING.fullmatch(element):
-        return f"{string[1].upper()}({inner.type.partition('=')[2]})"
-    if array := _ARRAY.fullmatch(element):
-        return (
-            f"ARRAY[0..{inner.many - 1}] OF {_iec(inner._replace(type=inner.type.partition('[')[0]), array[2].strip())}"
-        )
-    return _base(element)
+    own = "" if usual else iec
+    return Field(f"{base}[{many}]", own, inner.element, many, inner.size, inner.alignment, inner.says, iec)
 
 
 def _base(spelled: str) -> str:
