@@ -176,7 +176,7 @@ class RegionScreen(Screen[None]):
         source.look()
         self._allow_write, self._first_curves = allow_write, fields
         self._paused = False
-        self._since = time.monotonic(), source.header().newest
+        self._since = time.monotonic(), source.view.header().newest
 
     def compose(self) -> ComposeResult:
         yield Header(icon="")
@@ -291,7 +291,7 @@ class RegionScreen(Screen[None]):
     def _draw(self) -> None:
         if not self.is_current:
             return
-        header = self._source.header()
+        header = self._source.view.header()
         now = time.monotonic()
         since, number = self._since
         if now - since >= 2:
@@ -300,7 +300,7 @@ class RegionScreen(Screen[None]):
         newest = self._source.newest
         age = f"{time.time() - newest.stamp / 1e9:.3f} s" if newest and newest.stamp else "-"
         state = "paused" if self._paused else f"{rate:.1f}/s"
-        missed = f"   {counted(self._source.missed, 'sample')} not shown (published between screen updates)"
+        missed = f"   {counted(self._source.reader.missed, 'sample')} not shown (published between screen updates)"
         self.query_one("#about", Static).update(
             f"{legible(header.type_name)}   sample {header.newest:,}   {state}   age {age}\n"
             f"{counted(header.payload_size, 'byte')}   digest 16#{header.digest:016X}{missed}"

@@ -23,7 +23,10 @@ Point = tuple[float, float]
 
 
 class Source:
-    """Reads the region of a topic for the screens, and reopens a recreated region. Only publish() writes."""
+    """Reads the region of a topic for the screens, and reopens a recreated region. Only publish() writes.
+
+    `view` gives the header and the bytes of the present region, and `reader` its samples.
+    """
 
     def __init__(self, topic: str, registry: ClassRegistry) -> None:
         """Open the region. Raises RegionMissing, PermissionDenied, RegionUnusable, Rejected and LayoutMismatch."""
@@ -37,16 +40,7 @@ class Source:
 
     @property
     def kind(self) -> type[Message]:
-        return self._reader.message_type
-
-    @property
-    def missed(self) -> int:
-        """The number of samples that were overwritten before this reader read them."""
-        return self._reader.missed
-
-    def header(self) -> h.Header:
-        """Read the current header of the region."""
-        return self._view.header()
+        return self.reader.message_type
 
     def look(self) -> bool:
         """Read all new samples. Return False if there are none, or if the header of the region is damaged.
@@ -54,14 +48,14 @@ class Source:
         If the region was removed, open the new region of the topic. Raises the errors of the constructor if this region
         cannot be opened.
         """
-        if self._view.removed:
-            former_reader, former_view = self._reader, self._view
+        if self.view.removed:
+            former_reader, former_view = self.reader, self.view
             self._open()
             former_reader.close()
             former_view.close()
-        if damage(self._view.header()):
+        if damage(self.view.header()):
             return False
-        samples = self._reader.samples()
+        samples = self.reader.samples()
         if samples:
             self.newest = samples[-1]
         self._record(samples)
@@ -105,9 +99,9 @@ class Source:
 
         A writer may change the bytes at any time.
         """
-        header = self._view.header()
-        slot = self._view.slot(header.newest, header) or h.HEADER_SIZE
-        return self._view.read(slot + start, size)
+        header = self.view.header()
+        slot = self.view.slot(header.newest, header) or h.HEADER_SIZE
+        return self.view.read(slot + start, size)
 
     def publish(self, text: str) -> str:
         """Publish one sample with the values in `text`, as YAML or JSON. Return a line for the user.
@@ -115,13 +109,13 @@ class Source:
         Raises ValueError if `text` does not parse, ValueRejected if a value does not fit, and the errors of Publisher.
         """
         message = parse.build(self.kind, parse.parse(text))
-        with publisher(self.kind, self.topic, depth_of(self.header())) as writer:
+        with publisher(self.kind, self.topic, depth_of(self.view.header())) as writer:
             writer.publish(message)
             return f"published sample {writer.sequence}"
 
     def close(self) -> None:
-        self._reader.close()
-        self._view.close()
+        self.reader.close()
+        self.view.close()
 
     def _open(self) -> None:
         view = View(region_name(self.topic))
@@ -132,7 +126,7 @@ class Source:
         except BaseException:
             view.close()
             raise
-        self._view, self._reader = view, reader
+        self.view, self.reader = view, reader
         self.layout: Layout = session.layout(header.type_name)
         self.layouts: Layouts = session.layouts([header.type_name])
         self.topic = topic_of(view.name)
