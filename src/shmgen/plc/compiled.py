@@ -6,9 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from shmgen.core.plural import counted
-from shmgen.plc import types
 from shmgen.plc.declarations import Declaration
-from shmgen.plc.numbers import NotConvertible
 
 Extent = tuple[int, int]
 """Offset and size of a member in bytes."""
@@ -37,7 +35,7 @@ EMPTY = Converted("", "", 0, 1)
 """The base of a structure without a base: the first member is at offset 0."""
 
 
-class _Sum:
+class Sum:
     """Computes the offsets, the size and the alignment of a structure, from the sizes of its members.
 
     No member is aligned to more than `pack` bytes. The first member follows the structure `base`.
@@ -49,7 +47,7 @@ class _Sum:
         self._least_pack = base.least_pack
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Sum) and (self.places, self.end()) == (other.places, other.end())
+        return isinstance(other, Sum) and (self.places, self.end()) == (other.places, other.end())
 
     def add(self, type_: Converted, many: int, begins: int = 1) -> bool:
         """Append a member. Its offset is a multiple of its alignment and of `begins` bytes.
@@ -72,32 +70,6 @@ class _Sum:
     def least_pack(self) -> int:
         """The smallest pack_mode that keeps all padding. A structure with a pack_mode of its own keeps its padding."""
         return 1 if self.pack != NATURAL else max(self._least_pack, _pack_with_padding(max(self.at, 1), self.most))
-
-
-class Sums:
-    """Computes the layout of a structure under different rules, so that the import can reject a structure that differs.
-
-    `compiled` is the layout by the PLC's compiler, `message` the layout by the message definition, and `natural` the
-    layout without pack_mode.
-    """
-
-    def __init__(self, pack: int, base: Converted) -> None:
-        self.compiled, self.message, self.natural = _Sum(pack, base), _Sum(pack), _Sum(NATURAL)
-
-    def add(self, type_: Converted, many: int, begins: int, *, is_own: bool) -> bool:
-        """Append a member to all layouts. `many` is the length of an array, or 0 for a single value.
-
-        `is_own` is True for a member of the structure itself, and False for a member of a structure that it extends.
-        The member begins at a multiple of `begins` bytes. Return True if `begins` changed the offset of the member in
-        `message`. Raises NotConvertible if the structure becomes too large.
-        """
-        moved = self.message.add(type_, many, begins)
-        self.natural.add(type_, many, begins)
-        if is_own:
-            self.compiled.add(type_, many)
-        if self.message.at > types.LARGEST:
-            raise NotConvertible(f"more than {types.LARGEST:,} bytes", "declare a smaller type", "SHM303")
-        return moved
 
 
 def _pack_with_padding(at: int, alignment: int) -> int:

@@ -14,7 +14,7 @@ from shmgen.core.diagnostics import Diagnostic, Report, Span
 from shmgen.core.plural import counted
 from shmgen.plc import text as around
 from shmgen.plc import types
-from shmgen.plc.compiled import EMPTY, NATURAL, Converted, Sums, differences
+from shmgen.plc.compiled import EMPTY, NATURAL, Converted, Sum, differences
 from shmgen.plc.declarations import MOST, Declaration, Member
 from shmgen.plc.numbers import NotConvertible, Numbers
 from shmgen.plc.sources import Project
@@ -171,11 +171,15 @@ class _Work:
         return result
 
     def _structure(self, declared: Declaration) -> Converted | NotConvertible:
+        """Convert a structure if the PLC's compiler and the message definition give its members the same places.
+
+        `compiled` is the layout by the compiler, `message` by the message definition, and `natural` without pack_mode.
+        """
         *bases, _ = line = self._line(declared)
         base_layouts = [self._base(it) for it in bases]
         base = next((it for it in reversed(base_layouts) if it.places), EMPTY)
         pack = declared.pack or NATURAL
-        sums = Sums(pack, base)
+        compiled, message, natural = Sum(pack, base), Sum(pack), Sum(NATURAL)
         members = [(member, index) for index, it in enumerate(line) for member in it.members]
         names = unique([snake(member.name) for member, _ in members])
         lines: list[str] = []
@@ -188,7 +192,11 @@ class _Work:
                 layout = self._layout(field)
                 if index == len(bases):
                     self._check_pack(declared, field, layout)
-                moved = sums.add(layout, field.many, begins, is_own=index == len(bases))
+                    compiled.add(layout, field.many)
+                natural.add(layout, field.many, begins)
+                moved = message.add(layout, field.many, begins)
+                if message.at > types.LARGEST:
+                    raise NotConvertible(f"more than {types.LARGEST:,} bytes", "declare a smaller type", "SHM303")
             except NotConvertible as error:
                 failed = self._remember(error, declared, member)
                 continue
@@ -196,13 +204,13 @@ class _Work:
             lines += field_lines(name, member, field, f", align {begins}" if moved else "")
         if failed:
             return failed
-        if sums.compiled != sums.message:
+        if compiled != message:
             hint = "give both the same pack_mode, or copy the needed members into a structure without EXTENDS"
             raise NotConvertible(f"{declared.name} and its base have different pack_modes", hint)
-        note = f", pack_mode {pack}" if sums.message != sums.natural else ""
+        note = f", pack_mode {pack}" if message != natural else ""
         text = "\n".join([*head(declared, f"PLC: {declared.name}{note}"), *lines]) + "\n"
-        compiled, name = sums.compiled, self.names[declared.name.upper()]
-        return Converted(name, text, *compiled.end(), compiled.least_pack, sure, tuple(compiled.places))
+        message_name, places = self.names[declared.name.upper()], tuple(compiled.places)
+        return Converted(message_name, text, *compiled.end(), compiled.least_pack, sure, places)
 
     def _base(self, declared: Declaration) -> Converted:
         """Return the layout of a structure that another structure extends.
