@@ -111,7 +111,9 @@ def run_c(folder: Path, lines: Sequence[str]) -> list[str]:
 
 def in_st(tables: Sequence[Sequence[HeaderField]], folder: Path) -> list[Places]:
     """Return the offsets and sizes that the soft PLC computes, by the names in C, which the same table contains."""
-    outputs = [common.words(f"ST_Header{number}", ("//",), words, 192) for number, words in enumerate(tables)]
+    outputs = [
+        common.header_structure(f"ST_Header{number}", ("//",), words, 192) for number, words in enumerate(tables)
+    ]
     plc = compile_st(render(outputs))
     places = [plc.offsets[f"ST_HEADER{number}"] for number in range(len(tables))]
     return [{word.name: part[word.st.upper()] for word in words} for words, part in zip(tables, places, strict=True)]

@@ -115,9 +115,9 @@ def test_elements_may_be_of_any_class(positions: Any) -> None:
 
 @pytest.mark.parametrize("request_", ["sensor_msgs/Imu", "diagnostic_msgs/DiagnosticStatus"])
 def test_encoding_skips_unneeded_conversion(request_: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Encode without `_converted`, which would visit each field and give the same bytes."""
+    """Encode without `_to_rosbags`, which would visit each field and give the same bytes."""
     codec = cdr.codec(messages(request_))
-    monkeypatch.delattr(cdr, "_converted")
+    monkeypatch.delattr(cdr, "_to_rosbags")
     assert codec.encode(codec.new())
 
 

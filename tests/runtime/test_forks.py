@@ -232,7 +232,7 @@ def test_fork_between_any_two_instructions_keeps_no_claim(topic):
         "_open",
         "open_region",
         "_open_or_create",
-        "_mapped",
+        "_read_maps",
         "close_after_fork",
         "__init__",
         "ordered",

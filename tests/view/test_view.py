@@ -37,7 +37,7 @@ from shmgen.show.table import leaves  # noqa: E402
 from shmgen.tools.messages import parse  # noqa: E402
 from shmgen.tools.watch import overview  # noqa: E402
 from shmgen.view.app import Viewer  # noqa: E402
-from shmgen.view.curves import _thinned  # noqa: E402
+from shmgen.view.curves import _reduce_points  # noqa: E402
 from shmgen.view.memory import Memory  # noqa: E402
 from shmgen.view.source import Source  # noqa: E402
 
@@ -370,8 +370,8 @@ def test_source_reopens_a_replaced_region(topic, registry, tmp_path):
     assert [row.path for row in leaves(source.layout, source.layouts)] == ["data"]
     source.close()
     points = [(float(x), float(x == 500)) for x in range(1000)]
-    assert (500.0, 1.0) in _thinned(points, 40)
-    assert len(_thinned(points, 40)) <= 40
+    assert (500.0, 1.0) in _reduce_points(points, 40)
+    assert len(_reduce_points(points, 40)) <= 40
 
 
 class Server:

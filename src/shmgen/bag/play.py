@@ -64,7 +64,7 @@ class Player:
         if not chosen:
             halves = " except those of services and actions; give them with --topics" if channels else ""
             raise ValueError(f"{path}: the bag has no topics{halves}")
-        kinds = {topic: _checked(channel, registry, path) for topic, channel in chosen.items()}
+        kinds = {topic: _check_channel(channel, registry, path) for topic, channel in chosen.items()}
         self._outlets: dict[str, _Outlet] = {}
         try:
             for name, channel in chosen.items():
@@ -177,7 +177,7 @@ def _when(message: Message) -> int:
     return message.published if apart < _APART else message.logged
 
 
-def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
+def _check_channel(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
     """Check the type of a channel against this configuration, and return the Kind of its messages.
 
     Raises LayoutMismatch if the bag has another layout or definition of the type, and Rejected if the type is unknown.
@@ -194,7 +194,7 @@ def _checked(channel: Channel, registry: ClassRegistry, path: Path) -> Kind:
     if not digest and _plain(channel.text) != _plain(kind.text):
         raise LayoutMismatch(
             f"{path}: {topic_in(channel)}: {channel.type} has another definition in the bag\n"
-            f"  bag:\n{_indented(channel.text)}\n  here:\n{_indented(kind.text)}\n"
+            f"  bag:\n{_indent(channel.text)}\n  here:\n{_indent(kind.text)}\n"
             "  hint: give the folder with the definitions of the bag with -I"
         )
     return kind
@@ -238,5 +238,5 @@ def _plain(text: str) -> list[list[str]]:
     return sorted([line[0].rpartition("/")[2].partition("<=")[0], line[1]] for line in fields)
 
 
-def _indented(text: str) -> str:
+def _indent(text: str) -> str:
     return "\n".join(f"    {line}" for line in text.splitlines() if line)

@@ -123,7 +123,7 @@ def _contents(file: BinaryIO, size: int, path: Path) -> Iterator[tuple[int, byte
     """Yield the records of a file of `size` bytes as _records() does, with the records of a chunk in its place."""
     for code, content in _records(file, size):
         if code == Opcode.CHUNK:
-            inner = _unpacked(records.Chunk.read(_Content(content)), path)
+            inner = _unpack_chunk(records.Chunk.read(_Content(content)), path)
             yield from _records(BytesIO(inner), len(inner))
         else:
             yield code, content
@@ -144,7 +144,7 @@ def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         yield code, content
 
 
-def _unpacked(chunk: records.Chunk, path: Path) -> bytes:
+def _unpack_chunk(chunk: records.Chunk, path: Path) -> bytes:
     size, check = chunk.uncompressed_size, chunk.uncompressed_crc
     if chunk.compression and size > _LARGEST_CHUNK:
         raise Unreadable(f"{path}: an unpacked chunk has {counted(size, 'byte')}; the limit is {_LARGEST_CHUNK:,}")

@@ -108,7 +108,7 @@ class Recorder:
         """
         ends = None if seconds is None else time.monotonic() + seconds
         chunk, searched, changed, flushed, first = Chunk(), 0.0, 0, time.monotonic(), True
-        with self._writer, _undisturbed():
+        with self._writer, _avoid_pauses():
             try:
                 while not stopping.is_set() and (ends is None or time.monotonic() < ends):
                     now = time.monotonic()
@@ -241,7 +241,7 @@ def _inode(name: str) -> int | None:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def _avoid_pauses() -> Iterator[None]:
     """Shorten the thread switch interval and turn off garbage collection, which would pause for milliseconds.
 
     The recorder creates no reference cycles, so reference counting frees its objects.

@@ -42,7 +42,7 @@ class ToPlc(Side):
 
     def start(self, backend: Backend) -> None:
         if self.route.topic.carried.rate:
-            threading.Thread(target=self._paced, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
+            threading.Thread(target=self._limit_rate, args=(1 / self.route.topic.carried.rate,), daemon=True).start()
         subscription = backend.subscribe(self.route.wire, self.take, self.counters)
         self.qos_problem = subscription.qos_problem
         plan.check(self.route, subscription.new())
@@ -82,7 +82,7 @@ class ToPlc(Side):
         self._exchange(None)
         return True
 
-    def _paced(self, period: float) -> None:
+    def _limit_rate(self, period: float) -> None:
         """Publish the newest message, at most once in `period` seconds. The last message of a burst is not lost."""
         due = 0.0
         while not self.stopping.wait(max(0.0, due - time.monotonic())):

@@ -106,11 +106,11 @@ def selftest(folder: Path, openplc: bool, write: bool, wait: float) -> None:
     if write or not options.HAS_REGIONS:
         click.echo("then, on the Linux machine of the runtime: shmgen selftest")
         return
-    sys.exit(_other_side(settings, wait))
+    sys.exit(_run_linux_side(settings, wait))
 
 
 @common.report_errors
-def _other_side(settings: Config, wait: float) -> int:
+def _run_linux_side(settings: Config, wait: float) -> int:
     """Run the Linux side of the self-test and print its report. Return 1 if a result differs, otherwise 0."""
     from shmgen.live.session import Session
     from shmgen.tools import selftest as tool

@@ -75,10 +75,10 @@ def _requested(requests: Iterable[str], library: Library) -> dict[TypeName, None
     for request in requests:
         (files if request.isprintable() and Path(request).suffix in _FILES else names).append(request)
     requested = dict.fromkeys(name for file in files for name in _in_file(Path(file), library))
-    return requested | dict.fromkeys(name for request in names for name in _matching(request, library))
+    return requested | dict.fromkeys(name for request in names for name in _find_matching(request, library))
 
 
-def _matching(request: str, library: Library) -> list[TypeName]:
+def _find_matching(request: str, library: Library) -> list[TypeName]:
     """Return the messages that match `request`, the name of a message, a service or a package.
 
     Report SHM004 if no message matches.

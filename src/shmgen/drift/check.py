@@ -42,9 +42,9 @@ def check(texts: Mapping[str, str], folder: Path, target_folders: Sequence[str] 
     findings = [_with_advice(diagnostic) for diagnostic in compare(old, new, place)] if old != new else []
     findings += _of_files(texts, folder, old, worst(findings))
     strays = write.unlisted(folder, {*texts, *old.files}, listed)
-    findings += _listed("SHM406", Severity.COSMETIC, strays, folder, _NOT_IN_LOCK, DELETE)
+    findings += _findings_about("SHM406", Severity.COSMETIC, strays, folder, _NOT_IN_LOCK, DELETE)
     if not findings and existing != texts[lockfile.LOCK].encode():
-        findings += _listed("SHM403", Severity.COSMETIC, [lockfile.LOCK], folder, ("is stale", ""), REGENERATE)
+        findings += _findings_about("SHM403", Severity.COSMETIC, [lockfile.LOCK], folder, ("is stale", ""), REGENERATE)
     return findings
 
 
@@ -88,14 +88,14 @@ def _of_files(texts: Mapping[str, str], folder: Path, lock: lockfile.Lock, cause
     advice = "" if cause else f"another version of shmgen wrote these files; {REGENERATE}"
     by_hand = "the next `shmgen generate` overwrites the edit: change the definition or shmgen.toml instead"
     return [
-        *_listed("SHM403", cause or Severity.COSMETIC, stale, folder, ("is stale", "are stale"), advice),
-        *_listed("SHM404", Severity.BREAKING, edited, folder, ("was edited", "were edited"), by_hand),
-        *_listed("SHM405", Severity.BREAKING, missing, folder, ("is missing", "are missing"), REGENERATE),
-        *_listed("SHM406", Severity.COSMETIC, left_over, folder, ("is left over", "are left over"), REGENERATE),
+        *_findings_about("SHM403", cause or Severity.COSMETIC, stale, folder, ("is stale", "are stale"), advice),
+        *_findings_about("SHM404", Severity.BREAKING, edited, folder, ("was edited", "were edited"), by_hand),
+        *_findings_about("SHM405", Severity.BREAKING, missing, folder, ("is missing", "are missing"), REGENERATE),
+        *_findings_about("SHM406", Severity.COSMETIC, left_over, folder, ("is left over", "are left over"), REGENERATE),
     ]
 
 
-def _listed(
+def _findings_about(
     code: str, severity: Severity, paths: Sequence[str], folder: Path, what: tuple[str, str], hint: str
 ) -> list[Finding]:
     """Return one finding about all generated files in `paths`, or no finding if `paths` is empty.

@@ -208,7 +208,7 @@ def _causes(before: Block, after: Block, old: Lock, new: Lock) -> tuple[str, ...
 
 
 def _settings(old: Mapping[str, object], new: Mapping[str, object], place: str) -> Finding | None:
-    tables = [{**settings, **_listed(settings)} for settings in (old, new)]
+    tables = [{**settings, **_lines_by_name(settings)} for settings in (old, new)]
     changes: list[Change] = []
     severity = Severity.COMPATIBLE
     for key in {**tables[0], **tables[1]}:
@@ -221,7 +221,7 @@ def _settings(old: Mapping[str, object], new: Mapping[str, object], place: str) 
     return _finding("SHM409", severity, "the configuration changed", place, tuple(changes)) if changes else None
 
 
-def _listed(settings: Mapping[str, object]) -> dict[str, str]:
+def _lines_by_name(settings: Mapping[str, object]) -> dict[str, str]:
     """Return a line for each topic, service and action in the settings of a layout.lock, by its kind and name.
 
     For example, `service /cell/start` -> `plc std_srvs/SetBool`.

@@ -23,7 +23,7 @@ def lock(name: str, output: Path) -> tuple[lockfile.Lock, str]:
         try:
             text = files.read_file(file).decode(errors="replace")
         except OSError as error:
-            raise _rejected(f"cannot read: {error.strerror}", place) from None
+            raise _rejected_error(f"cannot read: {error.strerror}", place) from None
     else:
         place = f"{name}:{output / lockfile.LOCK}"
         text = _of_revision(name, output / lockfile.LOCK)
@@ -37,13 +37,13 @@ def _of_revision(revision: str, file: Path) -> str:
         command = ["git", "show", "--end-of-options", f"{revision}:{place}{path}"]
         done = subprocess.run(command, capture_output=True, check=False)
     except OSError:
-        raise _rejected("no such file, and git is not installed", revision) from None
+        raise _rejected_error("no such file, and git is not installed", revision) from None
     if done.returncode != 0:
         reason = done.stderr.decode(errors="replace").strip().removeprefix("fatal: ").partition("\n")[0]
         hint = "give a layout.lock, its folder, or a git revision; with a revision, -o gives the folder of the lock"
-        raise _rejected(f"no such file, and git reports: {reason}", revision, hint)
+        raise _rejected_error(f"no such file, and git reports: {reason}", revision, hint)
     return done.stdout.decode(errors="replace")
 
 
-def _rejected(message: str, place: str, hint: str = "") -> Rejected:
+def _rejected_error(message: str, place: str, hint: str = "") -> Rejected:
     return Rejected([Diagnostic("SHM001", message, Span(place), hint=hint)])

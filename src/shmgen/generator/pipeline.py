@@ -36,7 +36,7 @@ def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library
     opened = opened or library(config)
     schema = read(config, requests, opened)
     if config.skip_unbounded:
-        schema = _bounded(config, schema, opened)
+        schema = _drop_unbounded(config, schema, opened)
     schema = bounds.apply(schema, config.bounds, Report(), opened.known)
     also = (message.name for message in schema.messages if str(message.name) in config.linked)
     # Linked messages stay requested; otherwise they would be regenerated without their publisher and subscriber.
@@ -85,11 +85,11 @@ def skippable(config: Config, requests: Iterable[str]) -> tuple[Set[TypeName], S
     """
     opened = library(config)
     requested = read(config, dict.fromkeys([*requests, *config.types_used]), opened)
-    usable = _bounded(config, requested, opened).requested
+    usable = _drop_unbounded(config, requested, opened).requested
     return usable, requested.requested - usable
 
 
-def _bounded(config: Config, schema: Schema, opened: definitions.Library) -> Schema:
+def _drop_unbounded(config: Config, schema: Schema, opened: definitions.Library) -> Schema:
     """Drop messages with unbounded fields, except those the configuration names.
 
     If no message would remain, return the schema unchanged.
@@ -110,7 +110,7 @@ def render_targets(targets: Sequence[Target], keys: Sequence[str], job: Job, rep
     rendered: dict[str, tuple[RenderedFile, ...]] = {}
     while waiting:
         ready = [target for target in waiting if rendered.keys() >= set(target.after)]
-        planned = {target.key: _planned(target, waiting, job._replace(rendered=rendered), report) for target in ready}
+        planned = {target.key: _plan(target, waiting, job._replace(rendered=rendered), report) for target in ready}
         report.stop_if_any()
         texts = render(output for outputs in planned.values() for output in outputs)
         for key, outputs in planned.items():
@@ -119,7 +119,7 @@ def render_targets(targets: Sequence[Target], keys: Sequence[str], job: Job, rep
     return {one.output.path: one.text for key in keys for one in rendered[key] if not one.output.piece}
 
 
-def _planned(target: Target, waiting: Sequence[Target], job: Job, report: Report) -> list[Output]:
+def _plan(target: Target, waiting: Sequence[Target], job: Job, report: Report) -> list[Output]:
     """Return the planned files of a target. `waiting` lists the targets that are not rendered yet.
 
     A piece is a text that only other targets include in their files. If none of the waiting targets includes the files
@@ -244,8 +244,8 @@ def lock_settings(config: Config) -> dict[str, object]:
         "encoding": config.types.encoding,
         "overflow": config.types.overflow,
         "topics": [f"{topic.direction} {topic.topic} {topic.type} depth {topic.depth}" for topic in config.topics],
-        "services": [_spelled(entry) for entry in config.services] or None,
-        "actions": [_spelled(entry) for entry in config.actions] or None,
+        "services": [_lock_line(entry) for entry in config.services] or None,
+        "actions": [_lock_line(entry) for entry in config.actions] or None,
         "task_interval": config.task_interval,
         "mode": f"{mode:04o}" if mode is not None else None,
         "group": config.regions.group or None,
@@ -255,7 +255,7 @@ def lock_settings(config: Config) -> dict[str, object]:
     return {key: value for key, value in settings.items() if value is not None}
 
 
-def _spelled(entry: CallEntry) -> str:
+def _lock_line(entry: CallEntry) -> str:
     """Return the line of a service or an action in layout.lock: server, name and type.
 
     The timeout is omitted, because it affects only the bridge.

@@ -19,7 +19,7 @@ def compile_templates(folder: Path) -> str:
     lines = ["PRINTERS = {}"]
     for path in paths:
         lines += ["def printer(view):", " out = []", " add = out.append"]
-        lines += _rendered(_parse(folder, path), folder, {"view": "view"}, " ")
+        lines += _compile_nodes(_parse(folder, path), folder, {"view": "view"}, " ")
         lines += [" return ''.join(map(str, out))", f"PRINTERS[{path!r}] = printer"]
     return "\n".join(lines) + "\n"
 
@@ -33,7 +33,7 @@ def _parse(folder: Path, path: str) -> list[nodes.Node]:
     return environment.parse((folder / path).read_text(encoding="utf-8"), filename=path).body
 
 
-def _rendered(body: Iterable[nodes.Node], folder: Path, names: Mapping[str, str], indent: str) -> Iterator[str]:
+def _compile_nodes(body: Iterable[nodes.Node], folder: Path, names: Mapping[str, str], indent: str) -> Iterator[str]:
     """Yield the lines of Python that render a part of a template, given as the nodes in `body`.
 
     `names` maps the names of variables in the template to their names in the Python code.
@@ -45,15 +45,15 @@ def _rendered(body: Iterable[nodes.Node], folder: Path, names: Mapping[str, str]
             case nodes.For(target=nodes.Name(name=name)) if not node.else_:
                 inner = f"{name}_{len(indent)}"  # an inner loop may use the same name
                 yield f"{indent}for {inner} in {_value(node.iter, names)}:"
-                yield from _rendered(node.body, folder, {**names, name: inner}, f"{indent} ")
+                yield from _compile_nodes(node.body, folder, {**names, name: inner}, f"{indent} ")
             case nodes.If() if not node.elif_:
                 yield f"{indent}if {_value(node.test, names)}:"
-                yield from _rendered(node.body, folder, names, f"{indent} ")
+                yield from _compile_nodes(node.body, folder, names, f"{indent} ")
                 if node.else_:
                     yield f"{indent}else:"
-                    yield from _rendered(node.else_, folder, names, f"{indent} ")
+                    yield from _compile_nodes(node.else_, folder, names, f"{indent} ")
             case nodes.Include(template=nodes.Const(value=str(path))):
-                yield from _rendered(_parse(folder, path), folder, names, indent)
+                yield from _compile_nodes(_parse(folder, path), folder, names, indent)
             case _:
                 raise ValueError(f"a template holds {node}")
 

@@ -74,7 +74,7 @@ def look() -> Processes:
     hidden = 0
     for pid in _pids():
         try:
-            for mapping in _mapped(pid):
+            for mapping in _read_maps(pid):
                 mappings.setdefault((mapping.pid, mapping.device, mapping.inode), mapping)
         except PermissionError:
             hidden += 1
@@ -153,7 +153,7 @@ _PATH = r"(?:/.*)?/dev/shm/(.+?)( \(deleted\))?\n?"
 _LINE = re.compile(r"([0-9a-f]+)-([0-9a-f]+) \S+ \S+ ([0-9a-f]+):([0-9a-f]+) (\d+) +" + _PATH)
 
 
-def _mapped(pid: int) -> Iterator[Mapping]:
+def _read_maps(pid: int) -> Iterator[Mapping]:
     with open(f"/proc/{pid}/maps", encoding="utf-8", errors="replace") as file:
         for line in file:
             if match := _LINE.fullmatch(line):

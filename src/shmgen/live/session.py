@@ -63,7 +63,7 @@ class Session:
         if (key, overflow) not in self._classes:
             types = self.config.types._replace(overflow=overflow)  # type: ignore[arg-type]
             layouts = {name: layout._replace(options=types) for name, layout in self.layouts(key).items()}
-            self._classes[key, overflow] = _imported(self.config, layouts)
+            self._classes[key, overflow] = _import_classes(self.config, layouts)
         return self._classes[key, overflow]
 
     def layout(self, request: str, part_of: str = "") -> Layout:
@@ -87,7 +87,7 @@ class Session:
         return self.classes([part_of or request])[str(self.layout(request, part_of).name)]
 
 
-def _imported(config: Config, layouts: Layouts) -> dict[str, type[Message]]:
+def _import_classes(config: Config, layouts: Layouts) -> dict[str, type[Message]]:
     """Return the Python classes for `layouts`: generate modules in a temporary folder and import them."""
     config = replace(config, targets=("python",), topics=(), services=(), actions=(), package=_PACKAGE)
     config = replace(config, distribution="", runtime="installed")

@@ -238,7 +238,7 @@ class _Reader:
         base = self.until(";")
         comment = _comment_text(self.asides() + self.beside())
         kind = "enum" if is_enum else "alias"
-        return Declaration(called.text, kind, members, _spelled(_halves(base)[0]), extends, pack, comment, span)
+        return Declaration(called.text, kind, members, _join_words(_halves(base)[0]), extends, pack, comment, span)
 
     def members(self, ends: tuple[str, ...]) -> Iterator[Member]:
         """Read declarations such as `a, b AT %I* : TYPE := value;` up to one of the words `ends`. Yield the members."""
@@ -253,7 +253,7 @@ class _Reader:
                 names.append(self.name())
             self.until(":")
             declared = self.until(";")
-            type_, value = map(_spelled, _halves(declared))
+            type_, value = map(_join_words, _halves(declared))
             comment = _comment_text(self.asides() + self.beside())
             count += len(names)
             if count > MOST:
@@ -277,7 +277,7 @@ class _Reader:
             count += 1
             if count > MOST:
                 raise Unreadable(f"more than {MOST:,} names", self.span(it))
-            yield Member(it.text, "", _spelled(value), comment, self.span(it))
+            yield Member(it.text, "", _join_words(value), comment, self.span(it))
         self.need(")")
 
     def until(self, *ends: str, keep: bool = False) -> list[str]:
@@ -312,7 +312,7 @@ def _halves(words: list[str]) -> tuple[list[str], list[str]]:
     return words, []
 
 
-def _spelled(words: Iterable[str]) -> str:
+def _join_words(words: Iterable[str]) -> str:
     """Join words to Structured Text, with the usual blanks: between two names, for example, but not before `[`."""
     parts: list[str] = []
     last = ""

@@ -68,7 +68,7 @@ def _part(node: Element, path: str) -> Part | None:
         if plain is not None and (text := _text(plain)).strip():
             return "", *declarations.read(text, path, _span(plain, path).line)
         if node.tag == "dataType":
-            return "", [_structured(node, path)], []
+            return "", [_parse_type(node, path)], []
         span = _span(node, path)
         return "", [Declaration(name(_name(node), span), "union", (), "", "", 0, "", span)], []
     if node.tag.endswith("Vars") and node.get("constant") == "true":  # of a list, a block or a program
@@ -140,7 +140,7 @@ def _name(node: Element) -> str:
     return node.get("name", "") or node.get("Name", "")
 
 
-def _structured(node: Element, path: str) -> Declaration:
+def _parse_type(node: Element, path: str) -> Declaration:
     """Return a data type from PLCopen's XML elements, if the export does not contain its declaration as text."""
     span, comment = _span(node, path), _documentation(node)
     called = name(_name(node), span)
@@ -187,14 +187,14 @@ def _documentation(node: Element) -> str:
 
 def _type(node: Element | None) -> str:
     """Return a type as spelled in Structured Text, with single blanks."""
-    return " ".join(_spelled(node).split())
+    return " ".join(_type_text(node).split())
 
 
-def _spelled(node: Element | None) -> str:
+def _type_text(node: Element | None) -> str:
     inner = node.find("*") if node is not None else None
     if inner is None:
         return ""
-    element = _spelled(inner.find("baseType"))
+    element = _type_text(inner.find("baseType"))
     match inner.tag:
         case "derived":
             return _name(inner)

@@ -310,7 +310,7 @@ class _Work:
         """
         declared = self._find(name) if _NAME.fullmatch(name) else None
         if declared is None:
-            raise self._undeclared(name)
+            raise self._undeclared_error(name)
         if declared.name.upper() in self.path:
             raise NotConvertible(
                 f"{declared.name} contains itself", "remove one member: a message cannot contain itself", "SHM301"
@@ -321,7 +321,7 @@ class _Work:
             raise _PartNotConvertible(declared)
         return self.names[declared.name.upper()], declared.name
 
-    def _undeclared(self, name: str) -> NotConvertible:
+    def _undeclared_error(self, name: str) -> NotConvertible:
         """Return the error for a type that the project does not declare, with a similar name as a hint.
 
         Finding a similar name takes long, so only the first errors get this hint.

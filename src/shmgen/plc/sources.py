@@ -143,7 +143,7 @@ def _read(file: Path, place: str, project: Project, report: Report) -> None:
             for owner, types, constants in exports.read(data, place, tell):
                 project.add(types, owner, constants)
         else:
-            types, constants = declarations.read(_decoded(data, place), place)
+            types, constants = declarations.read(_decode(data, place), place)
             project.add(types, "", constants)
     except OSError as error:
         report.error("SHM001", f"cannot read: {error.strerror}", Span(place))
@@ -171,7 +171,7 @@ def _is_xml(data: bytes) -> bool:
     return data[:99].lstrip(b"\xef\xbb\xbf\xfe\xff\0 \t\r\n").startswith(b"<")
 
 
-def _decoded(data: bytes, place: str) -> str:
+def _decode(data: bytes, place: str) -> str:
     """Decode text in an encoding of the IDEs: UTF-8, UTF-16 with a byte order mark, or Windows-1252.
 
     Raises Unreadable if a file with the mark of UTF-16 is not UTF-16.

@@ -151,9 +151,9 @@ class Subscriber(Endpoint, Generic[M]):
         except BaseException as error:
             if self._end.give_back() or not isinstance(error, Exception):
                 raise
-            raise self._overwritten() from error
+            raise self._overwritten_error() from error
         if not self._end.give_back():
-            raise self._overwritten()
+            raise self._overwritten_error()
 
     def _memory(self) -> mmap.mmap:
         """Return a memory map of the region. The region is mapped once, and again after it was reopened."""
@@ -162,7 +162,7 @@ class Subscriber(Endpoint, Generic[M]):
             self._map = count, close_after_fork(mmap.mmap(self._end.file, self._size))
         return self._map[1]
 
-    def _overwritten(self) -> Overwritten:
+    def _overwritten_error(self) -> Overwritten:
         return Overwritten(f"{self._topic}: the sample was overwritten during an in-place read; read the newest sample")
 
     def read_all(self) -> list[M]:
@@ -187,7 +187,7 @@ class Subscriber(Endpoint, Generic[M]):
         The writer wakes all waiting readers.
         Raises PermissionDenied if this user may not open the semaphore that wakes readers.
         """
-        return bool(self._end.ready(_ns(_checked(timeout))))
+        return bool(self._end.ready(_ns(_check_timeout(timeout))))
 
     def wait(self, timeout: float) -> M | None:
         """Return the newest unread sample as soon as there is one, or None after `timeout` seconds.
@@ -195,7 +195,7 @@ class Subscriber(Endpoint, Generic[M]):
         The writer wakes all waiting readers.
         Raises PermissionDenied if this user may not open the semaphore that wakes readers.
         """
-        deadline = time.monotonic() + _checked(timeout)
+        deadline = time.monotonic() + _check_timeout(timeout)
         while self._end.ready(_ns(deadline - time.monotonic())):
             message: M | None = self._end.read(_ns(deadline - time.monotonic()))
             if message is not None or (left := deadline - time.monotonic()) <= 0:
@@ -217,14 +217,14 @@ class Subscriber(Endpoint, Generic[M]):
 
         One thread for each event loop waits on behalf of all coroutines.
         """
-        return await self._poll_until_found(self.read, _checked(timeout))
+        return await self._poll_until_found(self.read, _check_timeout(timeout))
 
     async def ready_async(self, timeout: float) -> bool:
         """Return True as soon as there is an unread sample, or False after `timeout` seconds. For coroutines.
 
         Read nothing, so that read_all() can then return all unread samples.
         """
-        return await self._poll_until_found(lambda: self.ready(0.0) or None, _checked(timeout)) is not None
+        return await self._poll_until_found(lambda: self.ready(0.0) or None, _check_timeout(timeout)) is not None
 
     async def _poll_until_found(self, poll: Callable[[], T | None], timeout: float, interval: float = inf) -> T | None:
         """Return the first result of `poll` that is not None, as poll_until_found() in event_loop.py does."""
@@ -302,7 +302,7 @@ class Subscriber(Endpoint, Generic[M]):
         return f"{type(self).__name__}({self._topic!r}, sequence={self.sequence}, missed={self.missed})"
 
 
-def _checked(timeout: float) -> float:
+def _check_timeout(timeout: float) -> float:
     if isinstance(timeout, str) or not hasattr(timeout, "__float__"):
         raise TypeError(f"timeout must be a number of seconds, not {timeout!r:.40} ({type(timeout).__name__})")
     return timeout

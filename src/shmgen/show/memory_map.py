@@ -143,12 +143,12 @@ def _label(row: Row, line: int, pixels: int) -> str:
     begins = row.offset // BYTES_PER_LINE
     head = min(row.size, BYTES_PER_LINE - row.offset % BYTES_PER_LINE)
     if line == begins:
-        return _shortened(row, pixels)
-    cut = _shortened(row, head * _CELL - 2).startswith(_ELLIPSIS)
-    return f"{_ELLIPSIS} {_shortened(row, pixels - 2 * _CHARACTER)}" if cut and line == begins + 1 else ""
+        return _fit_label(row, pixels)
+    cut = _fit_label(row, head * _CELL - 2).startswith(_ELLIPSIS)
+    return f"{_ELLIPSIS} {_fit_label(row, pixels - 2 * _CHARACTER)}" if cut and line == begins + 1 else ""
 
 
-def _shortened(row: Row, pixels: int) -> str:
+def _fit_label(row: Row, pixels: int) -> str:
     """Return the longest label of a field that fits into `pixels`: path and type, path, name, or the end of the name.
 
     The end is kept, because names of neighbouring fields often differ only at the end.

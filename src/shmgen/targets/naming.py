@@ -186,10 +186,10 @@ def _check_uses(uses: Iterable[Topic | Call], names: Names, way_out: str, report
         other = seen.setdefault(names.fold(name), use)
         if other is not use:
             case = ", which ignores case" if names.fold("a") == names.fold("A") else ""
-            fault = f"{_described(other)} and {_described(use)} both become `{name}` in {names.title}{case}"
+            fault = f"{_describe(other)} and {_describe(use)} both become `{name}` in {names.title}{case}"
             report.error("SHM203", fault, use.span, hint=way_out)
 
 
-def _described(use: Topic | Call) -> str:
+def _describe(use: Topic | Call) -> str:
     kind = "topic" if isinstance(use, Topic) else "service" if use.type.kind == "srv" else "action"
     return f"{kind} {use.name}"

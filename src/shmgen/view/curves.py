@@ -55,7 +55,7 @@ class Curves(PlotextPlot):
         for path, points in self._curves.items():
             seen = [point for point in points if end - self._seconds <= point[0] <= end and math.isfinite(point[1])]
             if seen:
-                thin = _thinned(seen, 4 * max(10, self.size.width))
+                thin = _reduce_points(seen, 4 * max(10, self.size.width))
                 plot.plot(
                     [at - end for at, _ in thin], [value for _, value in thin], label=legible(path), marker="braille"
                 )
@@ -86,7 +86,7 @@ def round_ticks(least: float, most: float) -> list[float]:
     return [number * step for number in range(math.ceil(least / step), math.floor(most / step) + 1)]
 
 
-def _thinned(points: list[Point], most: int) -> list[Point]:
+def _reduce_points(points: list[Point], most: int) -> list[Point]:
     """Reduce the points to at most `most`. Keep the minimum and maximum of each interval, so that no peak is lost."""
     if len(points) <= most:
         return points

@@ -60,12 +60,12 @@ def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
     fields = [field.type for message in messages for field in message.fields]
     wide = any(isinstance(type_ := element_of(field), String) and type_.wide for field in fields)
     lists = (field.element for field in fields if isinstance(field, (Array, Sequence)))
-    # If foreign, the messages contain values that _converted() must convert for rosbags.
+    # If foreign, the messages contain values that _to_rosbags() must convert for rosbags.
     foreign = wide or any(isinstance(element, Ref) and _has_numbers(element, known) for element in lists)
 
     def encode(message: Any) -> bytes:
         if foreign:
-            message = _converted(message, Ref(top), known, kinds)
+            message = _to_rosbags(message, Ref(top), known, kinds)
         return bytes(store.serialize_cdr(message, str(top), little_endian=True))
 
     def decode(data: bytes | memoryview) -> Any:
@@ -73,7 +73,7 @@ def codec(messages: tuple[Message, ...], wide_unit: Literal[2, 4] = 4) -> Codec:
             if wide:  # Fast DDS adds unused bytes after a wstring, which rosbags rejects
                 definition = store.get_msgdef(str(top))
                 read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
-                return _texts(read(bytes(data[4:]), 0, definition.cls, store)[0], Ref(top), known)
+                return _decode_wstrings(read(bytes(data[4:]), 0, definition.cls, store)[0], Ref(top), known)
             return store.deserialize_cdr(data, str(top))
         except (SerdeError, struct.error, IndexError) as error:
             raise ValueError(str(error)) from error
@@ -136,7 +136,7 @@ def _has_numbers(type_: FieldType, known: Mapping[TypeName, Message]) -> bool:
             return False
 
 
-def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[str, Any]) -> Any:
+def _to_rosbags(value: Any, type_: FieldType, known: Mapping[TypeName, Message], kinds: Mapping[str, Any]) -> Any:
     """Convert a field's value to the form that rosbags can encode: objects of rosbags's classes, and ndarrays.
 
     `known` maps the name of a message type to its definition, and `kinds` to its class in rosbags.
@@ -149,7 +149,7 @@ def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], 
             members = (name for name in kind.__dataclass_fields__ if name != "__msgtype__")
             return kind(
                 *(
-                    _converted(getattr(value, member), field.type, known, kinds)
+                    _to_rosbags(getattr(value, member), field.type, known, kinds)
                     for member, field in zip(members, fields, strict=True)
                 )
             )
@@ -159,23 +159,23 @@ def _converted(value: Any, type_: FieldType, known: Mapping[TypeName, Message], 
         case Array(Scalar() as scalar) | Sequence(Scalar() as scalar):
             return _numbers(value, scalar)
         case Array(Ref() | String(_, True) as element) | Sequence(Ref() | String(_, True) as element):
-            return [_converted(item, element, known, kinds) for item in value]
+            return [_to_rosbags(item, element, known, kinds) for item in value]
         case _:
             return value
 
 
-def _texts(value: Any, type_: FieldType, known: Mapping[TypeName, Message]) -> Any:
+def _decode_wstrings(value: Any, type_: FieldType, known: Mapping[TypeName, Message]) -> Any:
     """Replace each `wstring` in a decoded value by a `str`. Raises ValueError if a surrogate pair is incomplete."""
     match type_:
         case Ref(name):
             members = [name for name in value.__dataclass_fields__ if name != "__msgtype__"]
             for member, field in zip(members, known[name].fields, strict=False):
-                setattr(value, member, _texts(getattr(value, member), field.type, known))
+                setattr(value, member, _decode_wstrings(getattr(value, member), field.type, known))
             return value
         case String(_, True):
             return value.units.astype("<u2").tobytes().decode("utf-16-le")
         case Array(Ref() | String(_, True) as element) | Sequence(Ref() | String(_, True) as element):
-            return [_texts(item, element, known) for item in value]
+            return [_decode_wstrings(item, element, known) for item in value]
         case _:
             return value
 

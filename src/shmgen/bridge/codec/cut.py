@@ -16,13 +16,13 @@ def cut(message: Any, kind: type[Message]) -> None:
             value = value[: step.length]
             setattr(message, step.name, value)
         if step.kind in TEXTS:
-            texts = [_truncated(text, step) for text in (value if step.length else [value])]
+            texts = [_truncate_text(text, step) for text in (value if step.length else [value])]
             setattr(message, step.name, texts if step.length else texts[0])
         elif not isinstance(step.kind, str):
             for inner in value if step.length else [value]:
                 cut(inner, step.kind)
 
 
-def _truncated(text: str, step: Any) -> str:
+def _truncate_text(text: str, step: Any) -> str:
     kind = f"{step.kind.partition(' ')[0]} truncated"
     return encode_text(kind, text, step.size, step.path)[0].decode(TEXTS[kind].encoding)

@@ -139,7 +139,7 @@ class Server(_Half):
             return
         self._await_reader(received)
         reply = self.response.encode(response)
-        self.pair.send(_joined(before, reply), received.call if not before else None)
+        self.pair.send(_insert_call(before, reply), received.call if not before else None)
 
     def _await_reader(self, received: ReceivedCall) -> None:
         """Wait until the client's reader is discovered. Before that, the client would miss the reply."""
@@ -215,7 +215,7 @@ class Client(_Half):
         if inline:
             return self.pair.send(request)
         call = _CALL.pack(self._guid, next(self._numbers))
-        self.pair.send(_joined(call, request))
+        self.pair.send(_insert_call(call, request))
         return call
 
     def _on_received(self, received: ReceivedCall) -> None:
@@ -240,5 +240,5 @@ def _split(cdr: bytes) -> tuple[bytes, bytes]:
     return cdr[_ENCAPSULATION:start], cdr[:_ENCAPSULATION] + cdr[start:]
 
 
-def _joined(call: bytes, cdr: bytes) -> bytes:
+def _insert_call(call: bytes, cdr: bytes) -> bytes:
     return cdr[:_ENCAPSULATION] + call + cdr[_ENCAPSULATION:]

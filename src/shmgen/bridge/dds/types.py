@@ -63,7 +63,7 @@ def structure(messages: tuple[Message, ...], *, of_call: bool = False) -> type[A
     structs = {name: _create_struct(name, _TIME) for name in TIMES.values()}
     for message in messages:
         first = CALL if of_call and message is messages[-1] else {}
-        fields = {f"{field.name}_": _typed(field, structs) for field in message.fields}
+        fields = {f"{field.name}_": _type_of(field, structs) for field in message.fields}
         structs[message.name] = _create_struct(message.name, {**first, **fields} or {f"{FILLER}_": types.byte})
     kind = structs[messages[-1].name]
     kind.serialize = _serialize
@@ -98,7 +98,7 @@ def _create_struct(name: TypeName, fields: Mapping[str, Any]) -> type[Any]:
     return cast(type[Any], make_idl_struct(name.name, type_name(name), dict(fields)))
 
 
-def _typed(field: Field, structs: Mapping[TypeName, type[Any]]) -> Any:
+def _type_of(field: Field, structs: Mapping[TypeName, type[Any]]) -> Any:
     match field.type:
         case Array(element, length):
             return types.array[_element(element, structs), length]

@@ -78,7 +78,7 @@ class Ros1(Backend):
         def publish(data: bytes) -> None:
             publisher.publish(raw(data))
 
-        return RosPublisher(kind, send, sample_sender(_checked(wire, kind), self.now, publish, is_ros1=True))
+        return RosPublisher(kind, send, sample_sender(_check_direct(wire, kind), self.now, publish, is_ros1=True))
 
     def subscribe(self, wire: Wire, take: Callable[[Any], None], errors: ErrorSink) -> RosSubscription:
         kind = types.message(wire.messages)
@@ -89,7 +89,7 @@ class Ros1(Backend):
             except genpy.DeserializationError as error:
                 raise ValueError(str(error)) from None
 
-        deliver = from_bytes(_checked(wire, kind), decode, take, errors, is_ros1=True)
+        deliver = from_bytes(_check_direct(wire, kind), decode, take, errors, is_ros1=True)
         # Without a queue_size rospy delivers every message that a socket received.
         subscription = rospy.Subscriber(
             wire.name, types.raw(kind), lambda message: deliver(message.data), tcp_nodelay=True
@@ -131,7 +131,7 @@ class Ros1(Backend):
         leaving.join(SHUTDOWN_TIMEOUT)  # a service that is answering a call delays rospy for seconds
 
 
-def _checked(wire: Wire, kind: Any) -> Wire:
+def _check_direct(wire: Wire, kind: Any) -> Wire:
     """Return `wire`, but without its direct conversion if the ROS class `kind` differs from `wire`'s definition.
 
     Such messages are then converted through message objects, which is slower.

@@ -153,7 +153,7 @@ class Ros2(Backend):
             )
             peers = Peers(identity, errors.set_incompatible_peer, lambda: _hashes(find(name)))
             inlet = Inlet(subscription, deliver, errors, peers, _rmw().startswith("rmw_fastrtps"))
-            undo = self._wait(subscription, "subscription", inlet.take, wire.name)
+            undo = self._call_on_data(subscription, "subscription", inlet.take, wire.name)
             return subscription, _policies(subscription), undo
 
         subscription = qos.AdoptingSubscription(
@@ -196,7 +196,7 @@ class Ros2(Backend):
                 else:
                     reply(rosidl_request, request_id)
 
-        self.undo.append(self._wait(service, "service", take, wire.name))
+        self.undo.append(self._call_on_data(service, "service", take, wire.name))
 
     def client(self, wire: ServiceWire) -> RosClient:
         kind = types.service(wire)
@@ -278,7 +278,7 @@ class Ros2(Backend):
             self._node.destroy_node()
         rclpy.try_shutdown()
 
-    def _wait(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> Callable[[], None]:
+    def _call_on_data(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> Callable[[], None]:
         """Call `take` in a thread when data arrives at `entity`. Return a function that destroys the entity."""
         guarded_take = guarded(take, name, self._log, InvalidHandle)
         waiter = Waiter(entity, kind, guarded_take, self._node.context, name)

@@ -25,22 +25,22 @@ from shmgen.core.type_hash import FILLER, TIMES
 def message(messages: tuple[Message, ...]) -> Any:
     """Return the installed class of the last of `messages`. Raises ValueError if a type differs or is missing."""
     for definition in messages:
-        _compare(_installed(definition.name), definition)
-    return _installed(messages[-1].name)
+        _compare(_import_class(definition.name), definition)
+    return _import_class(messages[-1].name)
 
 
 def service(wire: ServiceWire) -> Any:
     """Return the installed class of the service. Raises ValueError if a type is missing or has other fields."""
-    kind = _installed(wire.type)
+    kind = _import_class(wire.type)
     for half, messages in (("Request", wire.request), ("Response", wire.response)):
         *dependencies, own = messages
         for definition in dependencies:
-            _compare(_installed(definition.name), definition)
+            _compare(_import_class(definition.name), definition)
         _compare(getattr(kind, half), own)
     return kind
 
 
-def _installed(name: TypeName) -> Any:
+def _import_class(name: TypeName) -> Any:
     try:
         module = import_module(f"{name.package}.{name.kind}")
         whole, is_part, _ = name.name.partition("_")

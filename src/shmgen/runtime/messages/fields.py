@@ -142,12 +142,12 @@ class _Numbers(_Elements):
 
     def __setitem__(self, where: int | slice, value: Any) -> None:
         if isinstance(where, slice):
-            value = self._checked(range(len(self))[where], value)  # type: ignore[arg-type]
+            value = self._check_items(range(len(self))[where], value)  # type: ignore[arg-type]
         else:
             check(KINDS[self._type_], value, f"{self._path}[{where}]")
         super().__setitem__(where, value)  # type: ignore[misc]
 
-    def _checked(self, positions: range, value: Iterable[Any]) -> list[Any]:
+    def _check_items(self, positions: range, value: Iterable[Any]) -> list[Any]:
         items = value.tolist() if hasattr(value, "tolist") else list(value)
         for position, item in zip(positions, items):  # noqa: B905 ctypes compares the lengths
             check(KINDS[self._type_], item, f"{self._path}[{position}]")

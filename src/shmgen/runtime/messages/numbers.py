@@ -75,7 +75,7 @@ def encode_numbers(kind: str, value: Any, length: int, fixed: bool, path: str) -
     if data is None:
         items = _flat(value, length, fixed, path)
         try:
-            return memoryview(_packed(items, code))
+            return memoryview(_pack(items, code))
         except REFUSED:
             for position, item in enumerate(items):
                 encode_item(kind, item, bytearray(size), 0, f"{path}[{position}]")
@@ -87,7 +87,7 @@ def encode_numbers(kind: str, value: Any, length: int, fixed: bool, path: str) -
 def encode_item(kind: str, value: Any, into: Any, at: int, path: str) -> None:
     """Write an array element of type `kind` to `into` at byte `at`. Raises OutOfRange if the value does not fit."""
     try:
-        data = _packed([value], CODES[kind])
+        data = _pack([value], CODES[kind])
     except REFUSED:
         raise OutOfRange(path, f"{value!r:.40} is not a valid {kind}") from None
     into[at : at + len(data)] = data
@@ -182,7 +182,7 @@ def _flat(value: Any, length: int, fixed: bool, path: str) -> list[Any]:
     return items
 
 
-def _packed(items: list[Any], code: str) -> bytes:
+def _pack(items: list[Any], code: str) -> bytes:
     if code == "?":
         return bytes(boolean(item) for item in items)
     if code == "f":  # array.array stores a number too large for a float32 as infinity; struct raises

@@ -36,7 +36,7 @@ def encode_text(kind: str, value: Any, size: int, path: str) -> tuple[bytes, boo
     string.
     """
     encoding, unit, unit_name, truncates = TEXTS[kind]
-    data = _encoded(value, encoding, path)
+    data = _encode(value, encoding, path)
     capacity = size - unit
     if len(data) <= capacity:
         return data, False
@@ -59,7 +59,7 @@ def decode_text(kind: str, data: bytes | bytearray) -> str:
         return data.decode("latin-1")
 
 
-def _encoded(value: Any, encoding: str, path: str) -> bytes:
+def _encode(value: Any, encoding: str, path: str) -> bytes:
     if not isinstance(value, str):
         raise OutOfRange(path, f"{value!r:.40} is {type(value).__name__}, not str")
     if "\0" in value:

@@ -56,7 +56,7 @@ def open_region(of: Settings, writes: bool = False) -> Generator[int, None, Regi
     for _ in range(_ATTEMPTS):
         with ExitStack() as so_far:
             file = so_far.enter_context(checks.opened_to_read(name) if passive else (yield from _open_file(of, name)))
-            if not passive and (yield from _replaced(of, file, writes)):
+            if not passive and (yield from _remove_outdated(of, file, writes)):
                 continue
             checks.check_header(of.topic, of.header, file)
             # The record locks below prevent other processes from replacing the region by one of another layout.
@@ -205,7 +205,7 @@ def _allocate(file: io.FileIO, path: str, size: int) -> None:
         ) from None
 
 
-def _replaced(of: Settings, file: io.FileIO, writes: bool) -> Generator[int, None, bool]:
+def _remove_outdated(of: Settings, file: io.FileIO, writes: bool) -> Generator[int, None, bool]:
     """Remove a region that has another layout and that is not in use. Return True if the region was removed.
 
     A region is in use if a running writer has it open. If `writes` is False, a region that readers have open is in use

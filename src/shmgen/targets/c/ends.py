@@ -79,10 +79,10 @@ def check(layout: Layout, layouts: Layouts) -> Iterator[str]:
     if any(isinstance(slot.type, Ref) and limited(slot, layouts) for slot in layout.slots):
         yield "shmgen_status status;"
     yield from _counts(layout)
-    yield from _each(layout, layouts, _checked)
+    yield from _each(layout, layouts, _check_lines)
 
 
-def _checked(slot: Slot, member: str, at: str) -> Iterator[str]:
+def _check_lines(slot: Slot, member: str, at: str) -> Iterator[str]:
     if isinstance(slot.type, String):
         ends = "shmgen_ends_wide" if slot.type.wide else "shmgen_ends"
         yield f"if (!{ends}({member}, {(slot.type.capacity or 0) + 1}))"
@@ -105,11 +105,11 @@ def receive(layout: Layout, layouts: Layouts) -> Iterator[str]:
     struct = struct_name(layout.name)
     yield f"{struct} *message = ({struct} *)copy;"
     yield from _counts(layout)
-    yield from _each(layout, layouts, _received)
+    yield from _each(layout, layouts, _receive_lines)
     yield "(void)path;"
 
 
-def _received(slot: Slot, member: str, at: str) -> Iterator[str]:
+def _receive_lines(slot: Slot, member: str, at: str) -> Iterator[str]:
     if isinstance(slot.type, String):
         yield f"{member}[{slot.type.capacity or 0}] = 0;"
     else:

@@ -65,10 +65,10 @@ class Blocks:
     def block(self, name: str, body: Iterable[str], needs: tuple[TypeName, ...]) -> Block:
         unit = reader.read(name, self._units[name])
         assert isinstance(unit, objects.Unit)
-        inputs, outputs = (tuple(map(self._spelled, section.variables)) for section in unit.sections[:2])
+        inputs, outputs = (tuple(map(self._convert, section.variables)) for section in unit.sections[:2])
         return Block(whole(name), uncommented(unit.head.comment[:1]), inputs, outputs, tuple(body), needs)
 
-    def _spelled(self, variable: objects.Variable) -> Variable:
+    def _convert(self, variable: objects.Variable) -> Variable:
         comment = re.sub(r"[A-Z_]{4,}", self._with_code, uncommented(variable.comment))
         return Variable(variable.name, self._types.get(variable.type, variable.type), comment, str(variable.value))
 

@@ -68,7 +68,7 @@ def _constant(layout: Layout, name: str) -> int:
     return next(int(str(one.value)) for one in layout.message.constants if one.name == name)
 
 
-def _opened(call: Call, calls: str) -> Iterator[str]:
+def _open_lines(call: Call, calls: str) -> Iterator[str]:
     yield "shmgen_interface carries;"
     yield "memset(&carries, 0, sizeof carries);"
     for member, layout in (("request", call.question), ("response", call.answer), ("progress", call.progress)):
@@ -82,7 +82,7 @@ def _opened(call: Call, calls: str) -> Iterator[str]:
 def _calls(call: Call) -> Iterator[str]:
     get, put, compiler = call.compiler.get, call.compiler.put, call.compiler
     question, answer = call.parts
-    yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _opened(call, "true"))
+    yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _open_lines(call, "true"))
     if call.progress:
         yield "bool fresh = false;"
     yield "if (end != NULL) {"
@@ -122,7 +122,7 @@ def _serves(call: Call) -> Iterator[str]:
     numbers = {variable: _constant(call.answer, name) for variable, name in says.items()}
     job = "".join(f"{get(variable)} != 0 ? {number} : " for variable, number in reversed(numbers.items()))
     good, bad = numbers["XDONE"], numbers["XFAILED"]
-    yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _opened(call, "false"))
+    yield from enter(compiler, "SACTION" if call.progress else "SSERVICE", _open_lines(call, "false"))
     yield "if (end != NULL) {"
     yield f"    shmgen_block_server_cycle(end, {job}0);"
     yield "    if (shmgen_block_server_responds(end)) {"

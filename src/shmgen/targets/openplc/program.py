@@ -68,7 +68,7 @@ def plan(job: Job, compiler: Compiler, blocks: tuple[Block, ...]) -> Program | N
     members, instances = [], []
     for use in uses(job):
         block = known[names.whole(use.block)]
-        stored = _stored(block)
+        stored = _structure_of(block)
         structures[stored.name] = stored
         members.append(Variable(names.topic(use.name), stored.name, use.comment))
         instances.append(_instance(block, use))
@@ -96,7 +96,7 @@ _WHEN = {
 """The condition under which each message output of a block can be new."""
 
 
-def _stored(block: Block) -> Structure:
+def _structure_of(block: Block) -> Structure:
     """Return the structure that the user's programs use instead of a block: the outputs, and the inputs of the user."""
     user_variables = [variable for variable in (*block.inputs, *block.outputs) if variable.name not in _BLOCK_ONLY]
     return Structure(f"ST_Of_{block.name}", f"inputs and outputs of {block.name}", tuple(user_variables))

@@ -125,7 +125,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     folders: dict[str, list[DataType | GlobalList | Unit]] = {}
     for file in sorted(job.rendered["st"], key=lambda file: file.output.path):
         _, *below, _ = file.output.path.split("/")
-        folders.setdefault("/".join(below), []).append(_stored(stored_object(file), file.text.rstrip("\n")))
+        folders.setdefault("/".join(below), []).append(_convert(stored_object(file), file.text.rstrip("\n")))
     folders[""] = folders.pop("", [])  # the last folder
     all_objects = [one for objects in folders.values() for one in objects]
     interval = job.options.task_interval
@@ -155,7 +155,7 @@ def stored_object(file: RenderedFile) -> objects.DataType | objects.GlobalList |
             return reader.read(file.output.path.rpartition("/")[2].removesuffix(".st"), file.text)
 
 
-def _stored(item: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
+def _convert(item: objects.DataType | objects.GlobalList | objects.Unit, text: str) -> DataType | GlobalList | Unit:
     match item:
         case objects.DataType():
             return DataType(

@@ -85,7 +85,7 @@ def plan(job: Job, report: Report) -> Iterator[Output]:
     also yield the runtime's files in a folder of the package.
     """
     layouts = job.layouts
-    regions = _spelled(job.options.regions)
+    regions = _options_text(job.options.regions)
     root = f"python/{job.package}"
     yield Output(f"{root}/__init__.py", "python/root.py.j2", _root(job.options.beside))
     yield Output(f"{root}/py.typed", "python/py.typed.j2", None)
@@ -134,7 +134,7 @@ def _package(ros_package: str, kind: str, layouts: list[Layout]) -> Package:
     return Package(f"Messages of {ros_package}/{kind} in shared memory", imports, tuple(names))
 
 
-def _spelled(regions: Regions) -> str:
+def _options_text(regions: Regions) -> str:
     """Return the Python call with the settings in `[regions]`, such as `runtime.RegionOptions(mode=0o660)`.
 
     Return `""` if all settings have their defaults.

@@ -42,8 +42,8 @@ def plan(*, locks: bool, struct_time: bool) -> Iterator[Output]:
 
     If `locks` is true, regions have a lock. If `struct_time` is true, a structure represents a time.
     """
-    yield words("ST_ShmHeader", _HEADER, abi.HEADER, abi.HEADER_SIZE)
-    yield words("ST_ShmSlot", _SLOT, abi.SLOT, abi.SLOT_HEADER)
+    yield header_structure("ST_ShmHeader", _HEADER, abi.HEADER, abi.HEADER_SIZE)
+    yield header_structure("ST_ShmSlot", _SLOT, abi.SLOT, abi.SLOT_HEADER)
     yield numbers(abi.NUMBERS, locks)
     yield from by_hand("E_ShmError", "E_ShmState", "FB_ShmRegion", "GVL_ShmClock", *([ST_TIME] if struct_time else []))
 
@@ -54,7 +54,7 @@ def by_hand(*names: str) -> Iterator[Output]:
         yield Output(f"st/shmgen/{name}.st", f"st/{name}.st", None)
 
 
-def words(name: str, doc: tuple[str, ...], fields: Sequence[HeaderField], size: int) -> Output:
+def header_structure(name: str, doc: tuple[str, ...], fields: Sequence[HeaderField], size: int) -> Output:
     """Return the file of the structure `name` of `size` bytes, whose members are the header fields `fields`.
 
     `doc` contains the comment lines at the start of the file.

@@ -77,7 +77,7 @@ def _dut(layout: Layout) -> Dut:
         return imported
     members = tuple(_member(slot, layout) for slot in layout.slots)
     head = Head(doc, (Attribute("pack_mode", "1"),))
-    return Dut(DataType(names.st_type(layout.name, layout.options), head, members), _aligned(members))
+    return Dut(DataType(names.st_type(layout.name, layout.options), head, members), _align(members))
 
 
 def _imported(layout: Layout, doc: tuple[str, ...]) -> Dut | None:
@@ -110,11 +110,11 @@ _COUNTING = frozenset({"BYTE", "WORD", "DWORD", "LWORD", *(it.iec for it in Scal
 
 def _gvl(layout: Layout) -> Gvl:
     name = names.gvl(layout.name)
-    generated, (constants, remarks) = _generated(layout), _constants(layout)
+    generated, (constants, remarks) = _type_constants(layout), _constants(layout)
     doc = (f"// {name}: constants of {layout.name}", MADE)
     variables = Variables("VAR_GLOBAL", True, (*generated, *constants))
     stored = GlobalList(name, Head(doc, (Attribute("qualified_only"),)), variables)
-    return Gvl(stored, _aligned(generated), (*_aligned(constants), *remarks))
+    return Gvl(stored, _align(generated), (*_align(constants), *remarks))
 
 
 def _pair(layout: Layout, layouts: Layouts) -> Iterator[Output]:
@@ -142,7 +142,7 @@ def _declaration(name: str, type_: str, value: str | tuple[str, ...] = "", comme
     return Variable(name, type_, value, tuple(comment_lines(comment)))
 
 
-def _aligned(declarations: Sequence[Variable]) -> tuple[Line, ...]:
+def _align(declarations: Sequence[Variable]) -> tuple[Line, ...]:
     """Return the lines of the declarations, with aligned colons and aligned short comments.
 
     A long comment stands above its declaration.
@@ -217,7 +217,7 @@ def _comment(slot: Slot, layout: Layout, without_value: bool) -> str:
 # --- Constants ----------------------------------------------------------------------------------------
 
 
-def _generated(layout: Layout) -> tuple[Variable, ...]:
+def _type_constants(layout: Layout) -> tuple[Variable, ...]:
     name = str(layout.name)
     return (
         _declaration(names.GVL_TYPE_NAME, f"STRING({len(name)})", f"'{name}'"),

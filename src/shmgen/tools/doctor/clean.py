@@ -45,7 +45,7 @@ def leftovers(topic: str) -> list[str]:
         if not files:
             raise missing(topic) from None
         return files
-    if header.magic != h.MAGIC and not _unfinished(header):
+    if header.magic != h.MAGIC and not _is_unfinished(header):
         raise not_a_region_error(region_file(name), header)
     return [*files, region_file(name)]
 
@@ -63,7 +63,7 @@ def in_use(topic: str, processes: Processes) -> str:
                 hidden = "a process of another user or in another container uses it"
             if view.claimed():
                 writer = view.writer(header.writer)
-                return f"process {writer} {_named(writer)}publishes to it"
+                return f"process {writer} {_name_of(writer)}publishes to it"
             if header.writer == h.PLC and _beats(view, header.heartbeat):
                 return "a PLC publishes to it"
     except RegionMissing:
@@ -77,7 +77,7 @@ def in_use(topic: str, processes: Processes) -> str:
             if mapping.name in names and mapping.device == device and not mapping.removed
         }
     )
-    return ", ".join(f"process {pid} {_named(pid)}uses it" for pid in pids) or hidden
+    return ", ".join(f"process {pid} {_name_of(pid)}uses it" for pid in pids) or hidden
 
 
 def orphan_semaphores(processes: Processes) -> list[str]:
@@ -133,7 +133,7 @@ def _retire(file: str) -> bool:
     return False
 
 
-def _unfinished(header: h.Header) -> bool:
+def _is_unfinished(header: h.Header) -> bool:
     """Return True if a header is incomplete because the creator of the region died while writing the header.
 
     The creator writes the magic last. The header of a dead creator is therefore all zeros, or complete except for the
@@ -142,7 +142,7 @@ def _unfinished(header: h.Header) -> bool:
     return header.magic == 0 and (header.header_size == h.HEADER_SIZE or not any(header[1:]))
 
 
-def _named(pid: int) -> str:
+def _name_of(pid: int) -> str:
     name = called(pid)
     return f"({name}) " if name else ""
 

@@ -26,12 +26,12 @@ def parse(text: str) -> Any:
     Raises ValueError with the invalid line, and OutOfRange if a number is too large for float64.
     """
     try:
-        return _parsed(text)
+        return _parse_text(text)
     except RecursionError:
         raise ValueError("brackets are nested too deeply") from None
 
 
-def _parsed(text: str) -> Any:
+def _parse_text(text: str) -> Any:
     try:
         return json.loads(text, parse_float=_float)
     except OutOfRange:

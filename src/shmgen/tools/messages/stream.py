@@ -46,7 +46,7 @@ def regions(
     Without `registry`, messages have no fields. `passive` is passed to Subscriber. Raises the errors of messages().
     """
     while True:
-        with appeared(topic, timeout, tell) as view:
+        with wait_for_region(topic, timeout, tell) as view:
             header = sound(view)
             kind = registry.message(header.type_name, header.digest) if registry else None
             with watcher(view, kind, passive=passive) as reader:
@@ -72,7 +72,7 @@ def batches(
             time.sleep(POLL)
 
 
-def appeared(topic: str, timeout: float | None, tell: Tell) -> View:
+def wait_for_region(topic: str, timeout: float | None, tell: Tell) -> View:
     """Wait for the topic's region to exist with a header, and return the region.
 
     Raises TimeoutError, PermissionDenied, and RegionUnusable if the file is not a region.

@@ -198,10 +198,10 @@ def table(
     widths = [max(before.get(name, 0), *(len(line[column]) for line in cells)) for column, name in enumerate(columns)]
     if widths_before is not None:
         widths_before.update(zip(columns, widths, strict=True))
-    return _aligned(cells, [columns.index(name) for name in _TEXTS], widths, width)
+    return _align(cells, [columns.index(name) for name in _TEXTS], widths, width)
 
 
-def _aligned(rows: Sequence[Sequence[str]], texts: Sequence[int], widths: list[int], width: int | None) -> list[str]:
+def _align(rows: Sequence[Sequence[str]], texts: Sequence[int], widths: list[int], width: int | None) -> list[str]:
     """Return lines of aligned columns. `texts` are the indexes of the columns that are left-aligned.
 
     To fit `width`, shorten the texts except the topic in the first column; then drop columns from the right.
@@ -218,7 +218,7 @@ def _aligned(rows: Sequence[Sequence[str]], texts: Sequence[int], widths: list[i
             widths[min(short, key=widths.__getitem__)] += 1
     return [
         "  ".join(
-            _truncated(cell, most).ljust(most) if column in texts else cell.rjust(most)
+            _truncate(cell, most).ljust(most) if column in texts else cell.rjust(most)
             for column, (cell, most) in enumerate(zip(row, widths, strict=False))
         ).rstrip()
         for row in rows
@@ -229,7 +229,7 @@ def _across(widths: Sequence[int]) -> int:
     return sum(widths) + 2 * len(widths) - 2
 
 
-def _truncated(text: str, most: int) -> str:
+def _truncate(text: str, most: int) -> str:
     """Shorten a text to `most` characters. Keep the end of a name, and the beginning of a text with blanks."""
     if len(text) <= most:
         return text

@@ -165,11 +165,11 @@ def _stamp(kind: type[Message]) -> tuple[str, Callable[[Sample[Message]], float 
     for path in ("header.stamp", "stamp"):
         with suppress(ValueError):
             getter(kind, f"{path}.nanosec")
-            return path, partial(_stamped, getter(kind, path))
+            return path, partial(_read_stamp, getter(kind, path))
     return _WRITER, lambda sample: sample.stamp / 1e9
 
 
-def _stamped(get: Getter, sample: Sample[Message]) -> float | None:
+def _read_stamp(get: Getter, sample: Sample[Message]) -> float | None:
     return number(get(sample.message))
 
 
