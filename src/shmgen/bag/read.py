@@ -51,7 +51,7 @@ class _Short(Exception):
 def messages(path: Path) -> Iterator[Channel | Message]:
     """Yield the messages of a file, or of all files of a bag. Yield each channel before its messages.
 
-    If a file is truncated, yield all complete messages. Raises Unreadable and OSError.
+    If a file is truncated, yield all complete messages. Raises Unreadable if a file is damaged or no bag, and OSError.
     """
     for file in files(path):
         yield from _of_file(file) if file.suffix == ".mcap" else _of_others(path)

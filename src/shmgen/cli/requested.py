@@ -41,8 +41,8 @@ def texts(
     """Generate the requested messages. Return the text of each generated file by path.
 
     `earlier` contains the requests of an earlier run, and `output` is the folder of its layout.lock. `opened` is the
-    library of definitions, if the caller has one. Raises Rejected. Each diagnostic points at the request that caused
-    the error, in shmgen.toml or in the layout.lock of an earlier run.
+    library of definitions, if the caller has one. Raises Rejected if there is no request, or if one has an error. Each
+    diagnostic points at the request with the error, in shmgen.toml or in the layout.lock of an earlier run.
     """
     requests = dict.fromkeys(requests)
     if not requests:

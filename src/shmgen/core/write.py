@@ -203,7 +203,7 @@ class _FolderTree:
         """Open the folder of the file `path`. Return the arguments for calls such as os.open(name, dir_fd=descriptor).
 
         They are the name of the file and the descriptor of its folder; on Windows, the whole path and None.
-        Raises OSError.
+        Raises OSError if a folder is a symlink or cannot be opened.
         """
         *way, name = path.split("/")
         while self._way != way[: len(self._way)]:

@@ -21,18 +21,18 @@ from shmgen.targets import TARGETS, Job, Options, RenderedFile, Target, naming
 
 
 def library(config: Config) -> definitions.Library:
-    """Open all available definitions. Raises Rejected. Share the library between calls to read each file once."""
+    """Open all definitions. Share the library to read each file once. Raises Rejected if a folder is missing."""
     sources = definitions.Sources(config.path, config.source, config.root, config.places)
     return definitions.open_library(sources, Report())
 
 
 def read(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Schema:
-    """Read the definitions of the requested messages and their dependencies. Raises Rejected."""
+    """Read the requested messages and their dependencies. Raises Rejected if a definition is missing or invalid."""
     return definitions.load(opened or library(config), requests, Report())
 
 
 def lay_out(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> Layouts:
-    """Return the layouts of the requested messages and their dependencies. Raises Rejected."""
+    """Lay out the requested messages and their dependencies. Raises Rejected if a definition or bound has an error."""
     opened = opened or library(config)
     schema = read(config, requests, opened)
     if config.skip_unbounded:
@@ -55,7 +55,7 @@ def _types(config: Config, schema: Schema) -> TypeOptions:
 def generate(config: Config, requests: Iterable[str], opened: definitions.Library | None = None) -> dict[str, str]:
     """Generate the requested messages. Return the text of all targets' files and of layout.lock, by path.
 
-    Types that the configuration uses are generated as well. Raises Rejected.
+    Types that the configuration uses are generated as well. Raises Rejected if the input has errors.
     """
     return render_layouts(config, lay_out(config, dict.fromkeys([*requests, *config.types_used]), opened))
 
@@ -63,7 +63,7 @@ def generate(config: Config, requests: Iterable[str], opened: definitions.Librar
 def render_layouts(config: Config, layouts: Layouts) -> dict[str, str]:
     """Generate code for finished layouts. Return the text of all targets' files and of layout.lock, by path.
 
-    Raises Rejected.
+    Raises Rejected if a target reports an error, such as two messages with the same name in its language.
     """
     report = Report()
     texts = render_targets(TARGETS, config.targets, job_of(config, layouts, report), report)
@@ -102,7 +102,7 @@ def _drop_unbounded(config: Config, schema: Schema, opened: definitions.Library)
 def render_targets(targets: Sequence[Target], keys: Sequence[str], job: Job, report: Report) -> dict[str, str]:
     """Render the `targets` that `keys` name. Return the text of each file by path, in the order of `keys`.
 
-    Raises Rejected.
+    Raises Rejected if a target reports an error.
     """
     waiting = _with_dependencies(targets, keys)
     for target in waiting:

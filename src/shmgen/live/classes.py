@@ -97,10 +97,10 @@ class ClassRegistry:
         raise rejected
 
     def known(self) -> tuple[dict[str, config_of_lock.Known], tuple[Diagnostic, ...]]:
-        """Return the layouts of all messages that shmgen.toml and layout.lock name, by message name. Raises Rejected.
+        """Return the layouts of all messages that shmgen.toml and layout.lock name, by message name.
 
         If both files name a message, its layout comes from shmgen.toml. A damaged layout.lock is ignored, and the
-        second value then contains its diagnostics.
+        second value then contains its diagnostics. Raises Rejected if a message in shmgen.toml has errors.
         """
         recorded: dict[str, config_of_lock.Known] = {}
         wrong: tuple[Diagnostic, ...] = ()

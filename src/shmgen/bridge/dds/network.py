@@ -104,7 +104,7 @@ def sockets() -> set[int]:
 
 
 def confine(before: set[int]) -> None:
-    """Limit new UDP sockets, which are not in `before`, to packets from this machine. Raises OSError.
+    """Limit all UDP sockets except `before` to packets from this machine. Raises OSError if the kernel refuses.
 
     Cyclone binds its sockets to all interfaces. A kernel filter therefore drops packets that did not arrive on `lo`.
     Packets between processes of one machine always arrive on `lo`, whatever address they use.

@@ -19,8 +19,8 @@ def publish(
 ) -> Generator[Message, None, None]:
     """Publish the values in `data`, `rate` times a second. Yield each published message. Stop after `count`, if given.
 
-    The depth is the depth of the existing region, else the depth in [[topics]], else 1. Raises Rejected, ValueRejected
-    and ValueError before the region is opened, and the errors of Publisher.
+    The depth is the depth of the existing region, else the depth in [[topics]], else 1. Before the region is opened,
+    raises ValueRejected or ValueError for invalid data, or an error of ClassRegistry. Then raises errors of Publisher.
     """
     kind, depth = registry.message_of_topic(topic, request)
     message = parse.build(kind, data)

@@ -73,9 +73,9 @@ def batches(
 
 
 def wait_for_region(topic: str, timeout: float | None, tell: Tell) -> View:
-    """Wait for the topic's region to exist with a header, and return the region.
+    """Wait until the topic's region has a header, and return the region. Pass a note to `tell` before a wait.
 
-    Raises TimeoutError, PermissionDenied, and RegionUnusable if the file is not a region.
+    Raises TimeoutError after `timeout` seconds, PermissionDenied, and RegionUnusable if the file is not a region.
     """
     name = region_name(topic)
     begun = time.monotonic()

@@ -100,7 +100,7 @@ def look(past: Past | None = None, processes: Processes | None = None) -> list[R
 def one(topic: str) -> tuple[Row, bool]:
     """Return the row of a topic, and True if its readers may be incomplete: this user cannot inspect some processes.
 
-    Raises RegionMissing and PermissionDenied.
+    Raises RegionMissing, and PermissionDenied if this user may not read the region.
     """
     around = look_at_processes()
     with suppress(RegionMissing), View(region_name(topic)) as view:
