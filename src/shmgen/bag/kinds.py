@@ -106,7 +106,7 @@ def _constant(constant: Constant) -> str:
 
 
 def _field(field: Field) -> str:
-    """Return a field in the syntax of a ROS 2 .msg file, which has other names than ros_type() for some elements."""
+    """Return a field as a line of a ROS 2 .msg file, in which times, `byte` and `char` differ from ros_type()."""
     type_ = field.sent or field.type
     element = element_of(type_)
     name = field.word if field.word in ("byte", "char") else ros_type(element)

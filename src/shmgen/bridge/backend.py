@@ -261,7 +261,7 @@ class RosActionClient(Protocol):
     def send(self, fill: Fill, timeout: float, follower: GoalObserver) -> Callable[[], object] | None:
         """Let `fill` fill an empty goal, and send the goal. Return None if the server rejects the goal.
 
-        If the server accepts the goal, return a function that cancels the goal, and may block its thread for 2 s.
+        If the server accepts the goal, return a function that cancels the goal and may block the caller for 2 s.
         `follower` receives the feedback and the result. Raises NoAnswer, and cancels the goal, if the server does not
         answer within `timeout` seconds.
         """

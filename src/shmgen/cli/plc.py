@@ -111,7 +111,7 @@ def selftest(folder: Path, openplc: bool, write: bool, wait: float) -> None:
 
 @common.report_errors
 def _run_linux_side(settings: Config, wait: float) -> int:
-    """Run the Linux side of the self-test and print its report. Return 1 if a result differs, otherwise 0."""
+    """Test the PLC from Linux for at most `wait` seconds a step, and print a report. Return 1 if a result differs."""
     from shmgen.live.session import Session
     from shmgen.tools import selftest as tool
 

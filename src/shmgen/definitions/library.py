@@ -1,4 +1,4 @@
-"""Find messages by name in folders, then in the sourced ROS or the store. Read each file once."""
+"""Find messages by name in folders, then in the sourced ROS or a store of rosbags. Read each file once."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class Library:
 
     @cached_property
     def fallback(self) -> Catalogue:
-        """The packages of the sourced ROS or the store. Raises Rejected (SHM506) if no ROS is sourced."""
+        """The packages of the sourced ROS, or of a store in rosbags. Raises Rejected (SHM506) if no ROS is sourced."""
         if self.sources.source == "env":
             return environment.catalogue(os.environ, self.report)
         return store.catalogue(self.sources.source)

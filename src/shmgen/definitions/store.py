@@ -24,7 +24,7 @@ preloaded: dict[str, dict[str, str]] = {}
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the stores: `jazzy`, `humble`, `noetic` and the others of the installed rosbags."""
+    """Return the names of the built-in stores: `jazzy`, `humble`, `noetic` and the others of the installed rosbags."""
     if preloaded:
         return tuple(sorted(preloaded))
     stores = (file.stem for file in _files() if file.name.startswith(("ros1_", "ros2_")))

@@ -65,7 +65,7 @@ def _field(definition: Definition, name: str, type: FieldType, doc: str) -> Fiel
 
 
 def _part(definition: Definition, name: str, doc: str) -> Field:
-    """Return a wrapper's field that contains a part of the definition: `response` contains SetBool_Response."""
+    """Return the wrapper's field `name`, whose type is a part of the definition: SetBool_Response for `response`."""
     return _field(definition, name, Ref(definition.name.part(f"_{name.capitalize()}")), doc)
 
 

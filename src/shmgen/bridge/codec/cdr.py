@@ -165,7 +165,7 @@ def _to_rosbags(value: Any, type_: FieldType, known: Mapping[TypeName, Message],
 
 
 def _decode_wstrings(value: Any, type_: FieldType, known: Mapping[TypeName, Message]) -> Any:
-    """Replace each `wstring` in a decoded value by a `str`. Raises ValueError if a surrogate pair is incomplete."""
+    """Replace each object with UTF-16 units by a `str`. Raises ValueError if a surrogate pair is incomplete."""
     match type_:
         case Ref(name):
             members = [name for name in value.__dataclass_fields__ if name != "__msgtype__"]

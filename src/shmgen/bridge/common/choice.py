@@ -16,7 +16,7 @@ _PACKAGES = {"yaml": "pyyaml"}
 
 
 def chosen(key: str) -> tuple[str, str]:
-    """Return the key of the backend to use, and the reason. Raises BackendMissing if no backend is installed."""
+    """Return the backend for `key`, which may be "auto", and the reason. Raises BackendMissing if none is installed."""
     if key != "auto":
         return key, "as configured"
     version = os.environ.get("ROS_VERSION", "")

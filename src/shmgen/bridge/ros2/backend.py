@@ -279,7 +279,7 @@ class Ros2(Backend):
         rclpy.try_shutdown()
 
     def _call_on_data(self, entity: Any, kind: Any, take: Callable[[], None], name: str) -> Callable[[], None]:
-        """Call `take` in a thread when data arrives at `entity`. Return a function that destroys the entity."""
+        """Call `take` in a new thread when `entity` receives data. Return a function that destroys the entity."""
         guarded_take = guarded(take, name, self._log, InvalidHandle)
         waiter = Waiter(entity, kind, guarded_take, self._node.context, name)
         self._waiters.append(waiter)
