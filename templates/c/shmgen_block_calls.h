@@ -106,9 +106,9 @@ static inline bool shmgen_block_client_hears(shmgen_block *self)
     return status == SHMGEN_OK;
 }
 
-/* Return true if the response to the call has arrived and is valid. The call then ends. The call also ends after
- * `limit` ns. With a limit of 0 the call ends without a response only if the name or the sizes are wrong: a retry
- * cannot correct these. */
+/* End the call if its response has arrived, or `limit` ns after the last progress. With a limit of 0, a call without a
+ * response ends only if the name or the sizes are wrong: a retry cannot correct these. Return true if a response has
+ * arrived and its counts are within their bounds. */
 static inline bool shmgen_block_client_ends(shmgen_block *self, int64_t limit)
 {
     shmgen_call *call = self->call;

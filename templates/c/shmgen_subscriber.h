@@ -446,7 +446,7 @@ static inline bool shmgen_is_none_now(shmgen_status status)
 }
 
 /* Wait at most `timeout` ns for a new sample, and read the newest. SHMGEN_NOTHING_NEW: no sample arrived, and `into`
- * is unchanged. SHMGEN_OVERWRITTEN: the timeout is over, and each copy of more than SHMGEN_SMALL bytes was
+ * is unchanged. SHMGEN_OVERWRITTEN: the timeout has ended, and each copy of more than SHMGEN_SMALL bytes was
  * overwritten; `into` may be 0. */
 static inline shmgen_status shmgen_subscriber_wait(
     shmgen_subscriber *self, void *into, size_t size, int64_t timeout, shmgen_receive receive)

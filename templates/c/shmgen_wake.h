@@ -100,7 +100,7 @@ static inline void shmgen_arm(shmgen_sleeper *self, const shmgen_link *end)
 }
 
 #if SHMGEN_HAS_WAITV
-/* Sleep until a writer wakes one of the futexes or the time is over. Return false if the kernel or its sandbox does
+/* Sleep until a writer wakes one of the futexes or the timeout ends. Return false if the kernel or its sandbox does
  * not support this sleep. */
 static inline bool shmgen_wait_for_words(const shmgen_sleeper *self)
 {
@@ -145,7 +145,7 @@ static inline bool shmgen_wait_for_bell(const shmgen_sleeper *self)
 #endif
 }
 
-/* Sleep until a writer rings a bell, posts an event or the time is over. Return at once if a writer has rung a bell
+/* Sleep until a writer rings a bell or posts an event, or the timeout ends. Return at once if a writer has rung a bell
  * since shmgen_arm(). */
 static inline void shmgen_sleep_armed(const shmgen_sleeper *self)
 {

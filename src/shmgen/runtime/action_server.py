@@ -130,7 +130,7 @@ class ActionServer(CallEnd, Generic[Goal]):
         goal is ABORTED and the exception is logged by the logger `shmgen`. KeyboardInterrupt and any other
         BaseException end serve().
         If a lock timeout prevents accepting or aborting a goal, serve() continues. The server retries until the lock is
-        free, `timeout` is over, or a newer goal arrives.
+        free, `timeout` ends, or a newer goal arrives.
         """
         deadline = deadline_of(timeout)
         for goal in until(deadline, self.wait):

@@ -65,7 +65,7 @@ class ServiceServer(CallEnd, Generic[Request]):
         Return after `timeout` seconds, or when another thread or a signal handler closes the server.
         If the handler raises an exception or the response does not fit, the call becomes FAILED and the exception is
         logged by the logger `shmgen`. KeyboardInterrupt and any other BaseException end serve().
-        A lock timeout does not end serve(): the server retries until the lock is free, `timeout` is over, or the client
+        A lock timeout does not end serve(): the server retries until the lock is free, `timeout` ends, or the client
         sends a newer request.
         """
         deadline = deadline_of(timeout)

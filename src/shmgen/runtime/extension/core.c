@@ -291,7 +291,7 @@ static PyObject *end_close_in_child(PyObject *object, PyObject *Py_UNUSED(nothin
     memset(&self->guard, 0, sizeof self->guard);
     *(self->writes ? &self->p.inside : &self->s.inside) = 0;
     self->link.passive = 1; /* keeps the claim of the parent, even before Linux 4.14, which wipes no page */
-    /* A close() of the parent that waits for other threads has stored the status, but the region is still open. */
+    /* If the fork interrupted a close() that waits for other threads, the status is set, but the region is open. */
     if (*closed_status(self) != SHMGEN_CLOSED || self->link.step != SHMGEN_STEP_CLOSED) {
         close_end(self);
         *closed_status(self) = SHMGEN_IN_FORKED_CHILD;

@@ -172,7 +172,7 @@ def decode_count(step: Step, data: Any, at: int) -> int:
 
 
 def decode_elements(step: Step, data: Any, start: int, count: int, like: Any) -> list[Any]:
-    """Return `count` strings, times or messages that start at byte `start`."""
+    """Return `count` strings, times or messages from byte `start` on, of the same class as the elements of `like`."""
     model, items = _model(step.kind, like), []
     for position in range(count):
         new = None if model is None else copy.copy(model) if step.kind in CLOCKS else new_like(model)

@@ -102,7 +102,7 @@ def look_at(of: Settings) -> Generator[int, None, None]:
 def open_semaphore(of: Settings, name: str, value: int) -> Generator[int, None, Semaphore]:
     """Open the semaphore `name`, or create it with the given value.
 
-    Return a placeholder if the region has no lock. Raises PermissionDenied and RegionUnusable.
+    Return a placeholder if the region has no lock. Raises PermissionDenied, or RegionUnusable for a damaged semaphore.
     """
     if of.sequence:
         return Semaphore("")

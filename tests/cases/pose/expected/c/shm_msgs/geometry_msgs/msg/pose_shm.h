@@ -82,7 +82,7 @@ static inline shmgen_status shm_geometry_msgs_Pose_publisher_publish(
     return shm_geometry_msgs_Pose_publisher_send(self, message, self->end.end.limit);
 }
 
-/* Publish a message without waiting, normally without a system call. */
+/* Publish without waiting. SHMGEN_LOCK_TIMEOUT: the lock was not free, on a machine that needs it (not x86). */
 static inline shmgen_status shm_geometry_msgs_Pose_publisher_try_publish(
     shm_geometry_msgs_Pose_publisher *self, const shm_geometry_msgs_Pose *message)
 {
@@ -133,7 +133,7 @@ static inline shmgen_status shm_geometry_msgs_Pose_subscriber_try_read(
     return shmgen_subscriber_read(&self->end, into, sizeof *into, 0, shmgen_receive_shm_geometry_msgs_Pose);
 }
 
-/* Read the oldest unread sample that is still in the region. */
+/* Read the oldest unread sample that is still in the region. SHMGEN_NOTHING_NEW: all samples were read already. */
 static inline shmgen_status shm_geometry_msgs_Pose_subscriber_read_next(
     shm_geometry_msgs_Pose_subscriber *self, shm_geometry_msgs_Pose *into)
 {
