@@ -149,7 +149,7 @@ def without_copies(case: str, texts: dict[str, str]) -> dict[str, str]:
 
 
 def with_numbers_of_copies(lock: str) -> str:
-    """Replace the lines of files whose text is stored elsewhere by their number in each folder."""
+    """Shorten layout.lock: for each folder, replace the lines of files that are stored elsewhere by their number."""
     copies = Counter(STORED_ELSEWHERE.findall(lock))
     lines = (f'"{folder}" = "{number} files {place}"\n' for (folder, place), number in copies.items())
     return STORED_ELSEWHERE.sub("", lock) + "".join(lines)

@@ -62,7 +62,7 @@ def test_error_lists_all_backends_if_none_is_installed(installed: set[str]) -> N
 
 
 def test_command_reports_a_missing_backend(tmp_path: Path) -> None:
-    """Report the missing backend in a Python without rclpy, and an empty configuration before that."""
+    """Report a missing rclpy, but if the configuration is empty, report only this."""
     (tmp_path / "shmgen.toml").write_text('[[topics]]\ntopic = "/a"\ntype = "std_msgs/Bool"\n')
     hide = "import sys; sys.modules['rclpy'] = None; from shmgen.__main__ import main; main()"
     command = [sys.executable, "-c", hide, "bridge", "--backend", "ros2"]

@@ -607,7 +607,7 @@ def leave_lock_held(side, holder):
 
 @pytest.mark.usefixtures("on_arm")
 def test_server_survives_a_lock_held_by_a_dead_process(topic, caplog):
-    """Raise on neither side, whatever the timeout for the lock: the call lasts until the lock is recovered."""
+    """Finish each call after the lock is recovered. A short lock timeout ends neither the call nor serve()."""
     dead = 2**22 + 1  # greater than any pid of Linux
 
     def handler(request):

@@ -57,7 +57,7 @@ class PlacedBlock(NamedTuple):
 
 
 def blocks(folder: Path) -> str:
-    """Return the drawing as SVG. The configuration is written into `folder`.
+    """Return a drawing of two function blocks as SVG. Write their configuration into `folder`.
 
     Raises AssertionError if a pin that the drawing needs no longer exists.
     """

@@ -66,7 +66,7 @@ def publish_deep(names: Names, space: str, ready: threading.Event, stop: threadi
 
 
 def occupy(names: Names, space: str, ready: threading.Event, stop: threading.Event) -> None:
-    """Hold the topic with another type, so that opening it is an error."""
+    """Publish another type on the topic of publish(), so that opening the topic raises an error."""
     with names["PointPublisher"](f"{space}/robot/pose"):
         ready.set()
         stop.wait()

@@ -23,7 +23,7 @@ TYPES = ("geometry_msgs/PoseStamped", "sensor_msgs/Range", "std_msgs/Empty", "st
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the repository that contains the target of the page."""
+    """A copy of the repository with the target that docs/adding-a-target.md adds."""
     folder = pages.copy(tmp_path_factory.mktemp("added"))
     assert {path.suffix for path in pages.follow(GUIDE, "rust_target", folder)} == {".py", ".j2"}
     return folder
