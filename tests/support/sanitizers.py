@@ -37,7 +37,7 @@ def environment(folder: Path, sources: Path | None = None) -> dict[str, str]:
         pytest.skip("gcc is not installed")
     hook: Any = build_hook()
     sources = sources or hook.SOURCES
-    hook.print_header(folder)
+    hook.write_header(folder)
     compiler = ["gcc", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", *hook.FLAGS]
     include = [f"-I{path}" for path in (sysconfig.get_path("include"), hook.HEADERS, folder)]
     headers = [*hook.HEADERS.glob("*.h"), *sources.rglob("*.h"), folder / "shmgen.h"]
